@@ -348,9 +348,12 @@
    run. sbl_stats.seconds.bounce and sbl_stats.store tell its cost.
 
    Budget: sbl_scene_desc.max_bounce_cells limits the number of cells, and so their size. Time and memory grow with it.
-   Raise it if a room is lit through a gap or a door, if geometry is small compared with the scene, or if light looks
-   patchy; lower it for a quick preview. It does not change the grain of single pixels, which a smaller target_error
-   reduces.
+   By default, the picture or lightmap that makes the store checks it after the first round of sensors: if stored light
+   alone has more than 1.5 times the target error, the store is made again with up to 196608 cells, and the picture
+   starts again. Windows, pictures with a price, a threshold or options.rays, and pictures whose larger store would
+   exceed sbl_context_desc.memory_budget use the store as it is, and so do all later pictures. Set the number yourself
+   if several processes must make the same store, if stored light still limits the error, or if light looks patchy;
+   lower it for a quick preview. It does not change the grain of single pixels, which a smaller target_error reduces.
 
    Accuracy at default settings, measured against an independent path tracer (relative root mean square error of R, in
    blocks of 4 x 4 pixels): 0.8 % in the Cornell box, in a staircase room with 130 emitting triangles, and in a room
@@ -851,7 +854,8 @@
                   window finds out by itself how many rays its looks need. Its looks may then cost several times as much
                   as those of the small picture, so that the price and WORK of the small picture are wrong for it
        exposure   set auto_exposure only in the small picture, and copy its sbl_stats.picture.exposure
-       store      in SBL_MODE_GI, use one context, or sbl_save_store and sbl_load_store
+       store      in SBL_MODE_GI, use one context, or sbl_save_store and sbl_load_store, or set max_bounce_cells,
+                  because the small picture may raise its default
 
    Borders of windows: on the same GL driver, a window is the same to the bit, no matter which windows were made before.
    Windows fit together, because their tiles and the rotations of their sensors are those of the whole picture, and
@@ -1297,7 +1301,9 @@ typedef struct sbl_scene_desc {
     int max_bounce_cells;      /* maximum number of cells that store bounced light in SBL_MODE_GI, 1024 to 1048576. A
                                   cell takes about 4 KB of host memory while the store is made, then 2 KB until sbl_end,
                                   and 100 bytes of GPU memory. Default: 1.5 times the number of triangles, but at least
-                                  49152 and at most 196608 */
+                                  49152 and at most 196608; a picture or lightmap that makes the store and finds it too
+                                  coarse raises the number to 196608, see ON BOUNCED LIGHT. -1: the default, but it is
+                                  never raised */
     int light_groups;          /* number of light groups, 0 to SBL_MAX_LIGHT_GROUPS, see ON LIGHT GROUPS. Default: 0, no
                                   groups. A scene with draw has none */
     int sky_group;             /* number of the light group of sky and environment, as in sbl_material */
@@ -1996,8 +2002,9 @@ SBL_API sbl_bounds sbl_query_bounds(const sbl_context *context);
 
 /* Returns an upper estimate of the bytes, GPU and host together, that the context will hold for this picture or
    lightmap and for bounced light that is not stored yet, in addition to the scene. It is about a fifth too large for
-   large pictures, and more for small ones. desc: NULL means defaults. Returns 0 if desc is invalid or there is no
-   scene. */
+   large pictures, and more for small ones. It does not count the cells by which a coarse store grows (see ON BOUNCED
+   LIGHT): up to 400 MB, or none with a memory_budget that has no room for them. desc: NULL means defaults. Returns 0
+   if desc is invalid or there is no scene. */
 SBL_API size_t sbl_picture_bytes(const sbl_context *context, const sbl_picture_desc *desc);
 SBL_API size_t sbl_lightmap_bytes(const sbl_context *context, const sbl_lightmap_desc *desc);
 
@@ -4584,7 +4591,8 @@ static sbl_result sbl__check_scene(const sbl__device *d, const sbl_scene_desc *d
                          (double)*x);
     }
     sbl__check_range(&check, "draw_max_radiance", &desc->draw_max_radiance, 1, sbl__not_negative_range);
-    if (desc->max_bounce_cells) sbl__check_int(&check, "max_bounce_cells", desc->max_bounce_cells, 1024, 1048576);
+    if (desc->max_bounce_cells && desc->max_bounce_cells != -1)
+        sbl__check_int(&check, "max_bounce_cells", desc->max_bounce_cells, 1024, 1048576);
     if (sbl__check_int(&check, "light_groups", desc->light_groups, 0, SBL_MAX_LIGHT_GROUPS)) {
         sbl__check_light_group(&check, "sky_group", desc->sky_group, desc->light_groups);
         if (desc->draw && desc->light_groups)
@@ -8048,6 +8056,7 @@ typedef struct sbl__store {
     sbl__bright_cell *bright;  /* all cells with bright leaves, in the order of sbl__bright_order */
     int cut_count, cut_capacity, leaf_count, leaf_capacity, bright_count;
     int max_leaves;            /* maximum number of leaves, from sbl_scene_desc.max_bounce_cells */
+    int most_leaves;           /* a picture may raise max_leaves to this, see sbl__bounce_refill */
     int unseen_level;          /* lowest level for cells of surface samples whose rays hit nothing */
     int made_for;              /* max_leaves when the light was computed, perhaps in an earlier run */
     float brightest;           /* largest component of R in any leaf; set by sbl__store_send */
@@ -8626,6 +8635,7 @@ static sbl_result sbl__scene_fit(const sbl__device *d, sbl__scene *s) {
         const int each = SBL__STORE_TEXELS + s->light_groups;
         const int leaves = (c->max_texture_buffer_size - g->triangle_count / 4) / each;
         s->store.max_leaves = SBL__MAX(1024, SBL__MIN(s->store.max_leaves, leaves));
+        s->store.most_leaves = SBL__MAX(1024, SBL__MIN(s->store.most_leaves, leaves));
     }
     return SBL_SUCCESS;
 }
@@ -8682,10 +8692,11 @@ static sbl_result sbl__scene_make(sbl__device *d, sbl__scene *s, const sbl_scene
         s->material_count = desc->material_count;
         s->light_groups = desc->light_groups;
         s->environment.layer = desc->sky_group;
-        s->store.max_leaves = desc->max_bounce_cells;
+        s->store.max_leaves = SBL__MAX(desc->max_bounce_cells, 0);
         if (!s->store.max_leaves)
             s->store.max_leaves = (int)SBL__MIN(SBL__MAX(SBL__STORE_PER_TRIANGLE * s->geometry.triangle_count,
                                                          SBL__STORE_LEAST), SBL__STORE_MOST);
+        s->store.most_leaves = desc->max_bounce_cells ? s->store.max_leaves : SBL__STORE_MOST;
         for (i = 0; i < desc->mesh_count; i++) {
             const sbl_mesh *mesh = &desc->meshes[i];
             s->geometry.meshes[i].material = mesh->material;
@@ -18476,6 +18487,15 @@ static sbl_result sbl__bounce_step(sbl__core *c, sbl__slice *slice) {
     return result;
 }
 
+/* Drops the light of the store, which is then filled again with up to s->most_leaves leaves. */
+static void sbl__bounce_refill(sbl__core *c) {
+    sbl__store *s = &c->scene.store;
+    sbl__bounce_end(c);
+    sbl__scene_glows_changed(&c->device, &c->scene);
+    s->max_leaves = s->most_leaves;
+    s->ready = 0;
+}
+
 /* Estimates the finished fraction of the store, 0 to 1. A restart lowers it. While the number of points is unknown,
    uses the number for which cells are sized, or 1.25 times the present number if that is larger. */
 static float sbl__bounce_progress(const sbl__core *c) {
@@ -18770,6 +18790,7 @@ static sbl_result sbl__saved_load(sbl__core *c, sbl_read_function get, void *use
     memset(&fault, 0, sizeof fault);
     memset(&s, 0, sizeof s);
     s.max_leaves = scene->store.max_leaves;
+    s.most_leaves = scene->store.most_leaves;
     result = sbl__saved_read(&c->device, scene, &s, get, user, &fault);
     if (result == SBL_SUCCESS && !g->wide && g->triangle_count / 4 + 1 + s.cell_capacity / 2 + 2 * s.cut_count +
         s.leaf_count * (1 + scene->light_groups) > c->device.gl.capabilities.max_texture_buffer_size) {
@@ -22106,6 +22127,8 @@ static double *sbl__work_seconds(const void *work) {
    the host reads: each pixel of the host then consists of across x across working pixels.
 
        SETUP -> PREPARE -> SURFACE -> READ -> REFINE -> DEVELOP -> the front end's stages
+                   ^                            |
+                   +--- the store is too coarse -
                                               |    ^
                                               PREVIEW, if the host reads channels
 
@@ -22134,6 +22157,10 @@ enum { SBL__MAP_STAGES(SBL__STAGE_NAME, NULL, NULL) SBL__MAP_END };
 enum { SBL__DEVELOP_STAGES(SBL__STAGE_NAME) SBL__DEVELOP_DONE };
 
 enum { SBL__GLIMPSE_NONE, SBL__GLIMPSE_UNDER_WAY, SBL__GLIMPSE_SHOWN };
+
+/* The store was full before, or this map has decided about its cells; this map has filled it, and its first round will
+   decide; it must be filled again with more cells, see sbl__map_needs_cells */
+enum { SBL__FILLED_BEFORE, SBL__FILLED_NOW, SBL__FILLED_TOO_COARSE };
 
 /* A texture, and the target for passes that draw into it */
 typedef struct sbl__map_image { sbl__texture texture; sbl__target target; } sbl__map_image;
@@ -22177,7 +22204,8 @@ typedef struct sbl__map {
     int64_t previewed;          /* number of looks in the last preview; 0: no preview, or the preview of a glimpse */
     int glimpse;                /* state of the glimpse: SBL__GLIMPSE_NONE and so on */
     sbl__measurement glimpse_measurement;
-    sbl_stats glimpse_stats;    /* the statistics before the glimpse, which are restored after it */
+    int filled;                 /* who has filled the store: SBL__FILLED_BEFORE and so on */
+    sbl_stats stats_before;     /* the statistics before refinement, which are restored if it starts again */
     float finished;             /* finished fraction of the front end's own stages, 0 to 1 */
     double paced_from[2];       /* values when sbl__refine_is_at_start last returned 1: [0]: seconds spent on sensors
                                    and tiles (gather + refine), [1]: number of looks */
@@ -22193,6 +22221,7 @@ typedef struct sbl__map {
 #define SBL__MAP_SPENT 0.6        /* each second of refinement reduces the rest of the typical time by this many
                                      seconds, because refinement that lasts is longer than typical */
 #define SBL__MAP_LEAST 0.4        /* lower limit of the rest of the typical time, as a fraction of the typical time */
+#define SBL__MAP_COARSE 1.5       /* the store is filled again if its light has more than this factor * target_error */
 #define SBL__MAP_TILES 0.15       /* estimated number of tiles per pixel, including unused capacity */
 #define SBL__MAP_SENSORS 0.2      /* estimated number of sensors per pixel */
 #define SBL__GBUFFER_BYTES 76.0   /* bytes per pixel of a G-buffer that refinement reads: SBL__GBUFFER_ALL */
@@ -22315,40 +22344,59 @@ static int sbl__map_owes_glimpse(const sbl__map *m) {
 static void sbl__map_begin_glimpse(sbl__map *m) {
     sbl_picture_desc desc = m->desc;
     m->glimpse = SBL__GLIMPSE_UNDER_WAY;
-    m->glimpse_stats = m->work.core->stats;
     desc.tile = SBL__MAX(desc.tile, SBL__GLIMPSE_TILE);
     desc.threshold = 0;
     desc.target_error = SBL__GLIMPSE_ERROR;
     sbl__map_begin_refine(m, &m->glimpse_measurement, &desc);
 }
 
-/* Undoes all changes that the glimpse has made, except its preview, which the host reads, and the time in the
-   statistics. */
-static void sbl__map_end_glimpse(sbl__map *m) {
+/* Undoes all changes that refinement has made, except its preview, which the host reads, and the time in the
+   statistics. PREPARE must follow. */
+static void sbl__map_start_again(sbl__map *m) {
     sbl__core *c = m->work.core;
-    m->glimpse = SBL__GLIMPSE_SHOWN;
     sbl__refine_reset(&m->refine);
     sbl__map_begin_refine(m, &m->work.measurement, &m->desc);
-    m->glimpse_stats.seconds = c->stats.seconds;
-    c->stats = m->glimpse_stats;
+    m->stats_before.seconds = c->stats.seconds;
+    c->stats = m->stats_before;
     memset(&c->job.counts, 0, sizeof c->job.counts);
+}
+
+/* >>map: more cells for the store */
+
+/* Returns 1 if the store must be filled again with more cells, because the first round of a complete picture has shown
+   that stored light alone has SBL__MAP_COARSE times the target error. Only the picture that has filled the store
+   decides this, so that later pictures have the same light. A window does not, because the other windows of its picture
+   would have other light. */
+static int sbl__map_needs_cells(const sbl__map *m) {
+    const sbl__core *c = m->work.core;
+    const sbl__store *s = &c->scene.store;
+    const double left = (double)c->base.budget - (double)c->base.memory.host_bytes - (double)c->base.memory.gpu_bytes;
+    const double bytes = s->most_leaves * (SBL__BOUNCE_BYTES + SBL__BOUNCE_GROUP_BYTES * c->scene.light_groups);
+    return m->refine.stored > SBL__MAP_COARSE * (double)m->desc.target_error && s->max_leaves < s->most_leaves &&
+           sbl__window_is_whole(&m->window) && !(m->desc.price > 0) && !(m->desc.threshold > 0) &&
+           !m->desc.options.rays && (!c->base.budget || bytes <= left);
 }
 
 /* >>map: surfaces that pixels show */
 
-/* Allocates memory and textures, a part of them per piece. Only pictures need a depth buffer. */
+/* Makes all textures of the G-buffer that are missing. Only pictures need a depth buffer. */
+static sbl_result sbl__map_make_gbuffer(sbl__map *m) {
+    return sbl__gbuffer_make(&m->work.core->device, &m->gbuffer, m->desc.width, m->desc.height,
+                             m->atlas ? NULL : &m->surface.depth,
+                             SBL__GBUFFER_ALL | (m->has_lobes ? SBL__GBUFFER_LOBES : 0));
+}
+
+/* Allocates memory and textures, a part of them per piece. */
 static sbl_result sbl__map_setup(void *work, sbl__slice *slice) {
     sbl__map *m = (sbl__map *)work;
     sbl__device *d = &m->work.core->device;
-    const int width = m->desc.width, height = m->desc.height;
     sbl_result result;
     (void)slice;
     d->gl.doing = "making the picture's textures";
     switch (m->work.stages.at++) {
         case 0: result = sbl__refine_make(&m->refine); break;
-        case 1: result = sbl__surface_make(d, &m->surface, width, height, m->atlas != NULL); break;
-        default: return sbl__gbuffer_make(d, &m->gbuffer, width, height, m->atlas ? NULL : &m->surface.depth,
-                                          SBL__GBUFFER_ALL | (m->has_lobes ? SBL__GBUFFER_LOBES : 0));
+        case 1: result = sbl__surface_make(d, &m->surface, m->desc.width, m->desc.height, m->atlas != NULL); break;
+        default: return sbl__map_make_gbuffer(m);
     }
     return result == SBL_SUCCESS ? SBL_UNFINISHED : result;
 }
@@ -22376,13 +22424,17 @@ static sbl_result sbl__map_upload(const sbl__map *m, sbl__texture *t, const floa
 
 /* Prepares hierarchy, lamps and store for the map; if a glimpse must be made first, only hierarchy and lamps. */
 static sbl_result sbl__map_prepare(void *work, sbl__slice *slice) {
-    const sbl__map *m = (const sbl__map *)work;
-    return sbl__prepare(m->work.core, sbl__map_owes_glimpse(m) ? &m->glimpse_measurement : &m->work.measurement, slice);
+    sbl__map *m = (sbl__map *)work;
+    const int glimpse = sbl__map_owes_glimpse(m);
+    if (!glimpse && m->work.measurement.options.mode == SBL_MODE_GI && !m->work.core->scene.store.ready)
+        m->filled = SBL__FILLED_NOW;
+    return sbl__prepare(m->work.core, glimpse ? &m->glimpse_measurement : &m->work.measurement, slice);
 }
 
 static int sbl__map_after_prepare(void *work) {
     sbl__map *m = (sbl__map *)work;
     if (sbl__map_owes_glimpse(m)) sbl__map_begin_glimpse(m);
+    m->stats_before = m->work.core->stats;
     sbl__refine_update_spec(&m->refine);
     return SBL__MAP_SURFACE;
 }
@@ -22588,12 +22640,22 @@ static sbl_result sbl__map_refine(void *work, sbl__slice *slice) {
         m->paced_from[1] = (double)sbl__refine_looks(&m->refine);
     }
     result = sbl__refine_step(&m->refine, slice);
+    if (result == SBL_UNFINISHED && m->filled == SBL__FILLED_NOW && sbl__refine_round_is_over(&m->refine)) {
+        m->filled = sbl__map_needs_cells(m) ? SBL__FILLED_TOO_COARSE : SBL__FILLED_BEFORE;
+        if (m->filled == SBL__FILLED_TOO_COARSE) return sbl__map_make_gbuffer(m);  /* sbl__map_trim has trimmed it */
+    }
     if (result == SBL_SUCCESS) return sbl__refine_end(&m->refine);
     return result == SBL_UNFINISHED && sbl__map_preview_is_due(m) ? SBL_SUCCESS : result;
 }
 
 static int sbl__map_after_refine(void *work) {
     sbl__map *m = (sbl__map *)work;
+    if (m->filled == SBL__FILLED_TOO_COARSE) {
+        m->filled = SBL__FILLED_BEFORE;
+        sbl__bounce_refill(m->work.core);
+        sbl__map_start_again(m);
+        return SBL__MAP_PREPARE;
+    }
     sbl__map_develop_from(m, &m->refine, 0);
     return m->glimpse == SBL__GLIMPSE_UNDER_WAY || sbl__map_preview_is_due(m) ? SBL__MAP_PREVIEW : SBL__MAP_DEVELOP;
 }
@@ -22601,7 +22663,8 @@ static int sbl__map_after_refine(void *work) {
 static int sbl__map_after_preview(void *work) {
     sbl__map *m = (sbl__map *)work;
     if (m->glimpse == SBL__GLIMPSE_UNDER_WAY) {
-        sbl__map_end_glimpse(m);
+        m->glimpse = SBL__GLIMPSE_SHOWN;
+        sbl__map_start_again(m);
         return SBL__MAP_PREPARE;
     }
     m->previewed = sbl__refine_looks(&m->refine);

@@ -133,6 +133,7 @@ static int find_maps(scene_file *file) {
     if (last > 0 && !given[MAP] && (given[PART] || given[JOIN]))
         return fail("%s: it has %d lightmaps, and %s works with one; choose it: --map 0 to --map %d", common.scene,
                     last + 1, table[given[PART] ? PART : JOIN].name, last);
+    if (last > 0) common.shares_cells = 1;
     if (!options.lightmap) options.lightmap = file->map_size;  /* --lightmap auto */
     if (!options.lightmap)
         return fail("%s: it does not say how large its map is; give --lightmap a number of texels", common.scene);

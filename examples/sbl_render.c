@@ -223,6 +223,7 @@ static int parse_part(void) {
     int status;
     if (given[PLAN] && !given[PART]) return misuse("--plan needs --part K/N: a plan describes the parts");
     if (!given[PART]) return DONE;
+    common.shares_cells = 1;
     if (given[WINDOW]) return misuse("--part and --window both choose a part of the picture; give only one of them");
     if (given[INSPECT]) return misuse("--inspect draws a sensor, which has no parts; leave out --part");
     if (!ends_with(common.output, ".exr"))

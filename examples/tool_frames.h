@@ -290,6 +290,7 @@ static int frames_parse(const int *given, part_choice *part) {
         return misuse("--fps needs --frames A-B, without --cameras: it is for animated cameras of .gltf and .glb "
                       "files");
     if (!given[CAMERAS] && !given[FRAMES]) return DONE;
+    common.shares_cells = 1;
     if (given[CAMERAS] && (given[EYE] || given[LOOK_AT]))
         return misuse("--cameras and %s both place the camera; give only one of them",
                       given[EYE] ? "--eye" : "--look-at");

@@ -109,6 +109,7 @@ static size_t get_bytes(void *data, size_t bytes, void *user) { return fread(dat
 static struct tool_common {
     const char *scene, *output, *stats, *sky_picture, *store, *input;  /* input: a further input file, or NULL */
     int help_all, mode, preset, backend, rays, max_bounce_cells, sensor_size, tile, filter_radius, seed;
+    int shares_cells;  /* 1: other runs must make the same store, so that its default number of cells must not rise */
     double sky[3], sky_rotation, sky_scale, sky_up[3], light_scale, epsilon, threshold;
     scene_file_options reading;
 } common = { .sky_scale = 1, .sky_up = { 0, 1, 0 } };
@@ -188,8 +189,10 @@ enum {
                                    "default 1024, 4096, 16384 by preset"), NULL, NULL }, \
     [MAX_BOUNCE_CELLS] = { "--max-bounce-cells", "N", INTEGERS, &common.max_bounce_cells, 1, 1024, 1048576, \
                         "maximum number of cells that store bounced light, in mode gi; each needs about 4 KB of " \
-                        "memory. Default: 1.5 per triangle, limited to 49152..196608. Use more if light comes " \
-                        "through gaps, or if geometry is fine. --bounce-samples is a synonym", \
+                        "memory. Default: 1.5 per triangle, limited to 49152..196608, or 196608 if the light " \
+                        "has more than 1.5 times the target error (not with parts, frames or several lightmaps). " \
+                        "Use more if light comes through gaps, or if geometry is fine. --bounce-samples is a " \
+                        "synonym", \
                         .synonym = "--bounce-samples" }, \
     [EPSILON]       = { "--epsilon", "E", NUMBERS, &common.epsilon, 1, 0, 1e30, \
                         "the epsilon of mode" TOOL__PAPER("s paper and") \
@@ -374,7 +377,7 @@ static sbl_scene_desc common_scene(const scene_file *file, const scene_file *sky
         scene.environment.rotation = (float)common.sky_rotation;
         for (i = 0; i < 3; i++) scene.environment.up[i] = (float)common.sky_up[i];
     }
-    scene.max_bounce_cells = common.max_bounce_cells;
+    scene.max_bounce_cells = !common.max_bounce_cells && common.shares_cells ? -1 : common.max_bounce_cells;
     return scene;
 }
 

@@ -298,7 +298,7 @@ TEST(scene_desc) {
     BAD_SCENE(f.scene.draw_max_radiance = NOT, SCENE_DESC, "sbl_scene_desc", "draw_max_radiance", "nan");
     BAD_SCENE(f.scene.draw_max_radiance = INF, SCENE_DESC, "sbl_scene_desc", "draw_max_radiance", "inf");
     BAD_SCENE(f.scene.draw_max_radiance = -2, SCENE_DESC, "sbl_scene_desc", "draw_max_radiance", "-2");
-    BAD_SCENE(f.scene.max_bounce_cells = -1, SCENE_DESC, "sbl_scene_desc", "max_bounce_cells", "-1");
+    BAD_SCENE(f.scene.max_bounce_cells = -2, SCENE_DESC, "sbl_scene_desc", "max_bounce_cells", "-2");
     BAD_SCENE(f.scene.max_bounce_cells = 1, SCENE_DESC, "sbl_scene_desc", "max_bounce_cells", "is 1;");
     BAD_SCENE(f.scene.max_bounce_cells = 1023, SCENE_DESC, "sbl_scene_desc", "max_bounce_cells", "1023");
     BAD_SCENE(f.scene.max_bounce_cells = 1048577, SCENE_DESC, "sbl_scene_desc", "max_bounce_cells", "1048577");

@@ -411,6 +411,85 @@ TEST(of_noise_in_the_store) {
     scene_free(&s);
 }
 
+/* Renders a small picture of a room whose ceiling is lit by a lamp; see of_coarse_stores. usual, most: see
+   inside_limit_cells. Returns R, or NULL on failure. */
+static float *coarse_picture(const test_scene *s, const sbl_picture_desc *view, int usual, int most, double slice) {
+    sbl_scene_desc desc = scene_desc(s);
+    const int width = view->window[2] ? view->window[2] : view->width;
+    sbl_result result;
+    float *light;
+    desc.max_bounce_cells = most ? 1024 : usual;
+    if (sbl_set_scene(context, &desc) != SBL_SUCCESS) return NULL;
+    if (most) inside_limit_cells(context, usual, most);
+    result = sbl_begin_picture(context, view);
+    if (result == SBL_SUCCESS)
+        do {
+            static float early[3 * 32 * 24];
+            result = sbl_step(context, slice);
+            if (slice > 0) sbl_read_channel(context, SBL_CHANNEL_RADIANCE, early, 3 * 32 * 24);
+        } while (result == SBL_UNFINISHED);
+    light = (float *)malloc(3 * sizeof *light * (size_t)width * (size_t)view->height);
+    if (result == SBL_SUCCESS) result = sbl_read_channel(context, SBL_CHANNEL_RADIANCE, light,
+                                                         3 * (size_t)width * (size_t)view->height);
+    if (result == SBL_SUCCESS) return light;
+    free(light);
+    return NULL;
+}
+
+/* If stored light alone has more than 1.5 times the target error, the picture that makes the store makes it again with
+   more cells, and is then the same, with the same statistics, as with these cells from the start. Pictures with another
+   target, and those to which other rules apply, use the store as it is. */
+TEST(of_coarse_stores) {
+    enum { FEW = 2000, MANY = 6000 };
+    static const float lamp[12] = { -0.2f, 0.8f, -0.2f, -0.2f, 0.8f, 0.2f, 0.2f, 0.8f, 0.2f, 0.2f, 0.8f, -0.2f };
+    static const char *const names[] = { "whole", "in slices", "error allowed", "number set", "window", "price",
+        "threshold", "rays" };
+    enum { WHOLE, SLICES, ALLOWED, SET, WINDOW, PRICE, THRESHOLD, RAYS, CASES };
+    test_scene s = { 0 };
+    sbl_picture_desc view = scene_view(32, 24, 40, 0.3f, 0.5f, 0.3f, 0, -1, 0);
+    double stored;
+    sbl_stats whole;
+    float *expected;
+    int i;
+    scene_box(&s, scene_material(&s, 0.7f, 0.7f, 0.7f), -1, -1, -1, 1, 1, 1);
+    scene_polygon(&s, scene_lamp(&s, 100, 100, 100), lamp, 4);
+    view.options.mode = SBL_MODE_GI;
+    free(coarse_picture(&s, &view, FEW, 0, 0));
+    stored = (double)sbl_query_stats(context).picture.stored_error;
+    view.target_error = (float)(stored / 1.7);
+    expected = coarse_picture(&s, &view, MANY, 0, 0);
+    whole = sbl_query_stats(context);
+    REQUIRE(expected && stored > 0.004, "the error of stored light is %g", stored);
+    for (i = 0; i < CASES; i++) {
+        const int grows = i == WHOLE || i == SLICES;
+        sbl_picture_desc d = view;
+        sbl_stats stats;
+        float *light;
+        if (i == ALLOWED) d.target_error = (float)(stored / 1.3);
+        if (i == WINDOW) d.window[2] = 16;
+        if (i == WINDOW) d.window[3] = 24;
+        if (i == PRICE) d.price = 1e-3f;
+        if (i == THRESHOLD) d.threshold = 0.05f;
+        if (i == RAYS) d.options.rays = 64;
+        light = coarse_picture(&s, &d, FEW, i == SET ? FEW : MANY, i == SLICES ? 1e-4 : 0);
+        stats = sbl_query_stats(context);
+        CHECK(light && stats.store.max_cells == (grows ? MANY : FEW), "%s: %d cells at most", names[i],
+              stats.store.max_cells);
+        CHECK(!grows || (light && memcmp(light, expected, 3 * sizeof *light * 32 * 24) == 0), "%s: other light",
+              names[i]);
+        CHECK(!grows || (stats.sensors.sites == whole.sensors.sites && stats.sensors.rays == whole.sensors.rays &&
+                         stats.picture.visible_pixels == whole.picture.visible_pixels),
+              "%s: %.0f sensors and %.0f rays, expected %.0f and %.0f", names[i], (double)stats.sensors.sites,
+              (double)stats.sensors.rays, (double)whole.sensors.sites, (double)whole.sensors.rays);
+        free(light);
+    }
+    inside_limit_cells(context, FEW, MANY);  /* a later picture finds the store that the last one has made */
+    CHECK(sbl_render_picture(context, &view) == SBL_SUCCESS && sbl_query_stats(context).store.max_cells == FEW,
+          "a later picture: %d cells at most", sbl_query_stats(context).store.max_cells);
+    free(expected);
+    scene_free(&s);
+}
+
 /* Sensors take looks until the total error equals the target. They always keep 0.84 of the target, or half of the error
    of the store if that is more, because a smaller error of sensors would hardly reduce the total, up to twice the
    target. */
@@ -519,6 +598,7 @@ int main(void) {
     RUN(of_what_silhouettes_hide);
     RUN(of_few_bounce_samples);
     RUN(of_noise_in_the_store);
+    RUN(of_coarse_stores);
     RUN(of_sensors_beside_the_store);
     RUN(of_pixels_that_cannot_improve);
     RUN(of_the_last_round);

@@ -4,6 +4,7 @@
 #include "support/test.h"
 #include "support/scenes.h"
 #include "support/gl_watch.h"
+#include "support/inside.h"
 
 static watch seen;
 static test_scene cornell;
@@ -122,6 +123,20 @@ TEST(memory_of_lightmaps_is_predicted) {
         sbl_destroy(context);
         scene_free(&room);
     }
+}
+
+/* A store that is too coarse for the target error is not made again if the larger store would exceed the budget. */
+TEST(stores_grow_within_the_budget) {
+    sbl_context *context = make_context(90000000, 1024);
+    sbl_picture_desc view = scene_cornell_view(24, 24);
+    REQUIRE(context, "%s", watch_last(&seen));
+    inside_limit_cells(context, 1024, 65536);
+    view.options.mode = SBL_MODE_GI;
+    view.target_error = 0.004f;
+    CHECK(sbl_render_picture(context, &view) == SBL_SUCCESS, "%s", watch_last(&seen));
+    CHECK(sbl_query_stats(context).store.max_cells == 1024, "%d cells at most",
+          sbl_query_stats(context).store.max_cells);
+    sbl_destroy(context);
 }
 
 /* A picture that exceeds the budget is refused before the work, with a message that names the greatest possible size.
@@ -254,6 +269,7 @@ int main(void) {
     RUN_PLAIN(memory_of_pictures_is_predicted);
     RUN_PLAIN(pictures_need_250_bytes_per_pixel);
     RUN(memory_of_lightmaps_is_predicted);
+    RUN(stores_grow_within_the_budget);
     RUN(the_budget_is_kept);
     RUN(a_used_up_budget_is_an_error);
     RUN(fingerprints_tell_scenes_apart);

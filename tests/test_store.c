@@ -415,7 +415,8 @@ TEST(a_store_with_few_cells_causes_a_warning) {
     scene_free(&scene);
 }
 
-/* The default of max_bounce_cells increases with the number of triangles, within limits. The warning about coarse light
+/* The default of max_bounce_cells increases with the number of triangles, within limits. A picture may raise it to
+   196608, but neither a number that the host sets nor the value -1. The warning about coarse light
    names the number of cells. */
 TEST(more_triangles_get_more_cells) {
     static const struct { int slices, stacks; const char *cells; } balls[] = {  /* the room has 26 triangles */
@@ -428,8 +429,14 @@ TEST(more_triangles_get_more_cells) {
         scene_sphere(&scene, BOX, 1, 0.7f, 3, 0.4f, balls[i].slices, balls[i].stacks, 0);
         REQUIRE(start_and_save(made), "%s", watch_last(&seen));
         desc = scene_desc(&scene);
+        CHECK(inside_most_cells(context) == 2048, "a picture may raise 2048 cells to %d", inside_most_cells(context));
+        desc.max_bounce_cells = -1;
+        REQUIRE(sbl_set_scene(context, &desc) == SBL_SUCCESS, "%s", watch_last(&seen));
+        CHECK(inside_most_cells(context) == atoi(balls[i].cells), "a picture may raise %s cells to %d", balls[i].cells,
+              inside_most_cells(context));
         desc.max_bounce_cells = 0;
         REQUIRE(sbl_set_scene(context, &desc) == SBL_SUCCESS, "%s", watch_last(&seen));
+        CHECK(inside_most_cells(context) == 196608, "a picture may raise the number to %d", inside_most_cells(context));
         watch_forget(&seen);
         stream.at = 0;
         CHECK(sbl_load_store(context, get, NULL) == SBL_SUCCESS &&

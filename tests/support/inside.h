@@ -5,6 +5,9 @@
 
 float inside_cell_length(const sbl_context *context);       /* edge length of the smallest cells of the store */
 int inside_glow_count(const sbl_context *context);          /* number of glows; see >>glow in sbl.h */
+/* Sets the number of cells that the store of the scene may have, and the number to which a picture may raise it. */
+void inside_limit_cells(sbl_context *context, int usual, int most);
+int inside_most_cells(const sbl_context *context);          /* the number to which a picture may raise it */
 int inside_mirrored(const sbl_context *context);            /* number of clusters of lamps in mirrors, see >>lamps; -1:
                                                                there are glows, and their table has other clusters */
 int inside_most_points(const sbl_context *context);         /* largest number of points in a leaf of the store */

@@ -21,6 +21,11 @@ int inside_near_points(const sbl_context *context) {
         count += b->points[i].number >= 4 && b->points[i].at.distance <= 8 * context->core.scene.store.length;
     return count;
 }
+void inside_limit_cells(sbl_context *context, int usual, int most) {
+    context->core.scene.store.max_leaves = usual;
+    context->core.scene.store.most_leaves = most;
+}
+int inside_most_cells(const sbl_context *context) { return context->core.scene.store.most_leaves; }
 int inside_glow_count(const sbl_context *context) { return context->core.scene.bright.glow_count; }
 int inside_mirrored(const sbl_context *context) {
     const sbl__lamps *lamps = &context->core.scene.lamps, *bright = &context->core.scene.bright;
