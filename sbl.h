@@ -357,9 +357,9 @@
 
    Accuracy at default settings, measured against an independent path tracer (relative root mean square error of R, in
    blocks of 4 x 4 pixels): 0.8 % in the Cornell box, in a staircase room with 130 emitting triangles, and in a room
-   where two small bright areas send nearly all light; 1.5 % in a furnished room of 130,000 triangles with sky light from
-   windows; 1.2 to 2 % in a dark room with a door ajar. In the last two rooms, the error of single pixels exceeds the
-   default target of 1.5 %, and sbl_stats.picture.expected_error says so.
+   where two small bright areas send nearly all light; 1.5 % in a furnished room of 130,000 triangles with sky light
+   through windows; 1.2 to 2 % in a dark room with a door ajar. In the last two rooms, the error of single pixels
+   exceeds the default target of 1.5 %, and sbl_stats.picture.expected_error says so.
 
    Large scenes: cells are small where rays between surfaces are short, even if nearly all surfaces lie elsewhere. In a
    room 2 across on a ground 1,000 across, the error of the light is at most 2 %, and on a ground 10,000 across at most
