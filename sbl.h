@@ -899,7 +899,9 @@
 
    The rotation of a sensor comes from a hash of its pixel and of the seed. The same input gives the same picture, bit
    for bit, on the same GL driver, whatever the batch size, the slices of sbl_step, and the number of repetitions.
-   Other GL versions and drivers give the same picture up to rounding.
+   Other GL versions and drivers give the same picture up to rounding. In SBL_MODE_GI, the first picture of a scene may
+   raise the number of cells, and later ones then differ by noise from pictures that are made first: set
+   max_bounce_cells to avoid that.
 
    sbl_gather_readings can repeat the light of the pixel (x, y). Give it the site of that pixel (sbl_sensor.site) as its
    site number y * width + x, with the picture's seed, and set `rays` to the same value for both, other than 0. The
