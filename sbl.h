@@ -348,12 +348,13 @@
    run. sbl_stats.seconds.bounce and sbl_stats.store tell its cost.
 
    Budget: sbl_scene_desc.max_bounce_cells limits the number of cells, and so their size. Time and memory grow with it.
-   By default, the picture or lightmap that makes the store checks it after the first round of sensors: if stored light
-   alone has more than 1.5 times the target error, the store is made again with up to 196608 cells, and the picture
-   starts again. Windows, pictures with a price, a threshold or options.rays, and pictures whose larger store would
-   exceed sbl_context_desc.memory_budget use the store as it is, and so do all later pictures. Set the number yourself
-   if several processes must make the same store, if stored light still limits the error, or if light looks patchy;
-   lower it for a quick preview. It does not change the grain of single pixels, which a smaller target_error reduces.
+   By default, the first picture or lightmap that uses the store checks it after its first round of sensors: if stored
+   light alone has more than 1.5 times the target error, the store is made again with up to 196608 cells, and the
+   picture starts again. All later work uses this store, until the next sbl_set_scene. Windows and pictures with a
+   price, a threshold or options.rays do not check the store, and it is not made again if the larger store would exceed
+   sbl_context_desc.memory_budget. Set the number yourself if several processes must make the same store, if stored
+   light still limits the error, or if light looks patchy; lower it for a quick preview. It does not change the grain of
+   single pixels, which a smaller target_error reduces.
 
    Accuracy at default settings, measured against an independent path tracer (relative root mean square error of R, in
    blocks of 4 x 4 pixels): 0.8 % in the Cornell box, in a staircase room with 130 emitting triangles, and in a room
@@ -1303,9 +1304,9 @@ typedef struct sbl_scene_desc {
     int max_bounce_cells;      /* maximum number of cells that store bounced light in SBL_MODE_GI, 1024 to 1048576. A
                                   cell takes about 4 KB of host memory while the store is made, then 2 KB until sbl_end,
                                   and 100 bytes of GPU memory. Default: 1.5 times the number of triangles, but at least
-                                  49152 and at most 196608; a picture or lightmap that makes the store and finds it too
-                                  coarse raises the number to 196608, see ON BOUNCED LIGHT. -1: the default, but it is
-                                  never raised */
+                                  49152 and at most 196608. The first picture or lightmap raises the number to 196608,
+                                  or to what the driver's buffer textures hold, if it finds the store too coarse, see ON
+                                  BOUNCED LIGHT. -1: the default, but it is never raised */
     int light_groups;          /* number of light groups, 0 to SBL_MAX_LIGHT_GROUPS, see ON LIGHT GROUPS. Default: 0, no
                                   groups. A scene with draw has none */
     int sky_group;             /* number of the light group of sky and environment, as in sbl_material */
@@ -2005,8 +2006,8 @@ SBL_API sbl_bounds sbl_query_bounds(const sbl_context *context);
 /* Returns an upper estimate of the bytes, GPU and host together, that the context will hold for this picture or
    lightmap and for bounced light that is not stored yet, in addition to the scene. It is about a fifth too large for
    large pictures, and more for small ones. It does not count the cells by which a coarse store grows (see ON BOUNCED
-   LIGHT): up to 400 MB, or none with a memory_budget that has no room for them. desc: NULL means defaults. Returns 0
-   if desc is invalid or there is no scene. */
+   LIGHT), which need up to 400 MB, and 20 MB more per light group, but never exceed a memory_budget. desc: NULL means
+   defaults. Returns 0 if desc is invalid or there is no scene. */
 SBL_API size_t sbl_picture_bytes(const sbl_context *context, const sbl_picture_desc *desc);
 SBL_API size_t sbl_lightmap_bytes(const sbl_context *context, const sbl_lightmap_desc *desc);
 
@@ -8059,6 +8060,8 @@ typedef struct sbl__store {
     int cut_count, cut_capacity, leaf_count, leaf_capacity, bright_count;
     int max_leaves;            /* maximum number of leaves, from sbl_scene_desc.max_bounce_cells */
     int most_leaves;           /* a picture may raise max_leaves to this, see sbl__bounce_refill */
+    int unjudged;              /* 1: the next picture that can will decide whether the store needs more cells, see
+                                  sbl__map_judges_store */
     int unseen_level;          /* lowest level for cells of surface samples whose rays hit nothing */
     int made_for;              /* max_leaves when the light was computed, perhaps in an earlier run */
     float brightest;           /* largest component of R in any leaf; set by sbl__store_send */
@@ -18480,7 +18483,7 @@ static sbl_result sbl__bounce_step(sbl__core *c, sbl__slice *slice) {
     if (s->ready) result = SBL_SUCCESS;
     else if (result == SBL_SUCCESS) {
         sbl__bounce_free_temporary(&c->device, c->bounce);
-        s->ready = 1;
+        s->ready = s->unjudged = 1;
         s->made_for = s->max_leaves;
     } else if (result != SBL_UNFINISHED) sbl__bounce_end(c);
     c->stats.seconds.bounce += sbl__now() - start;
@@ -19055,10 +19058,9 @@ typedef struct sbl__refine {
     double expected_weight;   /* weight of expected_looks in sbl__map_seconds_left, 0 to 1; 0 before predictions */
 } sbl__refine;
 
-/* Returns the maximum number of blocks of sensors: sensor 0, at most one sensor per pixel, and at most one more per
-   pixel because the sensors of a glimpse (see >>map) stay allocated after it. */
+/* Returns the maximum number of blocks of sensors: sensor 0 and at most one sensor per pixel. */
 static size_t sbl__sensor_blocks(const sbl__refine *r) {
-    return 2 * (size_t)r->width * (size_t)r->height / SBL__SENSOR_BLOCK + 1;
+    return (size_t)r->width * (size_t)r->height / SBL__SENSOR_BLOCK + 1;
 }
 
 static void sbl__refine_free(const sbl__device *d, sbl__refine *r) {
@@ -19099,6 +19101,7 @@ static sbl__sensor *sbl__sensor_add(sbl__refine *r, sbl__pixel *p) {
     if (!*block) *block = (sbl__sensor *)sbl__alloc(&r->core->base, SBL__SENSOR_BLOCK, sizeof **block);
     if (!*block) return NULL;
     p->sensor = r->sensor_count++;
+    memset(sbl__sensor_of(r, p), 0, sizeof **block);  /* after sbl__refine_reset, it holds an old sensor */
     return sbl__sensor_of(r, p);
 }
 
@@ -20960,7 +20963,8 @@ static sbl_result sbl__refine_end(sbl__refine *r) {
 }
 
 /* Clears everything including the settings. Then sbl__refine_begin can begin again, with sbl__refine_use_atlas for a
-   lightmap. Each pixel keeps its values and its sensor until sbl__refine_put replaces them. */
+   lightmap. Each pixel keeps its values and its sensor until sbl__refine_put replaces them. New sensors take the memory
+   of the old ones. */
 static void sbl__refine_reset(sbl__refine *r) {
     const sbl__refine kept = *r;
     r->pixels = NULL;
@@ -20969,7 +20973,7 @@ static void sbl__refine_reset(sbl__refine *r) {
     sbl__refine_free(&r->core->device, r);
     r->pixels = kept.pixels;
     r->sensors = kept.sensors;
-    r->sensor_count = kept.sensor_count;
+    r->sensor_count = 1;
     r->stored_light = kept.stored_light;
     r->layers = kept.layers;
 }
@@ -22018,6 +22022,8 @@ typedef struct sbl__work {
     sbl__task task;      /* the current job, in front ends whose stages include sbl__work_sense */
     sbl__site *sites;    /* memory for the sites of the task */
     sbl_reading *readings;  /* memory for the task's readings; NULL if the host provides memory */
+    double foreseen;       /* bytes that the context will hold at most: those that it held before, and the need of the
+                              work; 0 if front_end->need is NULL */
     float store_fraction;  /* fraction of `progress` for filling the store, in addition to front_end->progress; 0 if the
                               store need not be filled, or if front_end->progress includes it (>>map) */
     float progress;      /* progress as reported to the host, 0 to 1; never decreases */
@@ -22037,6 +22043,8 @@ static sbl_result sbl__work_begin(sbl__work *w, const sbl__front_end *front_end,
         const sbl__need need = front_end->need(core, desc);
         const sbl_result result = sbl__need_afford(&core->base, front_end->begin_name, &need);
         if (result != SBL_SUCCESS) return result;
+        w->foreseen = (double)core->base.memory.host_bytes + (double)core->base.memory.gpu_bytes +
+                      sbl__need_bytes(&need);
     }
     return front_end->begin(w, desc);
 }
@@ -22128,9 +22136,9 @@ static double *sbl__work_seconds(const void *work) {
    The map is made on the working grid. If texels of a lightmap are supersampled, this grid is finer than the map that
    the host reads: each pixel of the host then consists of across x across working pixels.
 
+                   +-- if the store is too coarse --+
+                   v                                |
        SETUP -> PREPARE -> SURFACE -> READ -> REFINE -> DEVELOP -> the front end's stages
-                   ^                            |
-                   +--- the store is too coarse -
                                               |    ^
                                               PREVIEW, if the host reads channels
 
@@ -22159,10 +22167,6 @@ enum { SBL__MAP_STAGES(SBL__STAGE_NAME, NULL, NULL) SBL__MAP_END };
 enum { SBL__DEVELOP_STAGES(SBL__STAGE_NAME) SBL__DEVELOP_DONE };
 
 enum { SBL__GLIMPSE_NONE, SBL__GLIMPSE_UNDER_WAY, SBL__GLIMPSE_SHOWN };
-
-/* The store was full before, or this map has decided about its cells; this map has filled it, and its first round will
-   decide; it must be filled again with more cells, see sbl__map_needs_cells */
-enum { SBL__FILLED_BEFORE, SBL__FILLED_NOW, SBL__FILLED_TOO_COARSE };
 
 /* A texture, and the target for passes that draw into it */
 typedef struct sbl__map_image { sbl__texture texture; sbl__target target; } sbl__map_image;
@@ -22206,7 +22210,7 @@ typedef struct sbl__map {
     int64_t previewed;          /* number of looks in the last preview; 0: no preview, or the preview of a glimpse */
     int glimpse;                /* state of the glimpse: SBL__GLIMPSE_NONE and so on */
     sbl__measurement glimpse_measurement;
-    int filled;                 /* who has filled the store: SBL__FILLED_BEFORE and so on */
+    int too_coarse;             /* 1: the store must be filled again with more cells */
     sbl_stats stats_before;     /* the statistics before refinement, which are restored if it starts again */
     float finished;             /* finished fraction of the front end's own stages, 0 to 1 */
     double paced_from[2];       /* values when sbl__refine_is_at_start last returned 1: [0]: seconds spent on sensors
@@ -22352,11 +22356,12 @@ static void sbl__map_begin_glimpse(sbl__map *m) {
     sbl__map_begin_refine(m, &m->glimpse_measurement, &desc);
 }
 
-/* Undoes all changes that refinement has made, except its preview, which the host reads, and the time in the
-   statistics. PREPARE must follow. */
+/* Makes refinement start again. Keeps its preview, which the host reads, and the time in the statistics. PREPARE must
+   follow. */
 static void sbl__map_start_again(sbl__map *m) {
     sbl__core *c = m->work.core;
     sbl__refine_reset(&m->refine);
+    m->spec.guided = 0;  /* the guides are lost */
     sbl__map_begin_refine(m, &m->work.measurement, &m->desc);
     m->stats_before.seconds = c->stats.seconds;
     c->stats = m->stats_before;
@@ -22365,18 +22370,22 @@ static void sbl__map_start_again(sbl__map *m) {
 
 /* >>map: more cells for the store */
 
-/* Returns 1 if the store must be filled again with more cells, because the first round of a complete picture has shown
-   that stored light alone has SBL__MAP_COARSE times the target error. Only the picture that has filled the store
-   decides this, so that later pictures have the same light. A window does not, because the other windows of its picture
-   would have other light. */
+/* Returns 1 if this map decides, after its first round, whether the store needs more cells. Later pictures then have
+   the same light. A window does not decide, because the other windows of its picture would have other light. */
+static int sbl__map_judges_store(const sbl__map *m) {
+    return m->spec.bounced && m->work.core->scene.store.unjudged && sbl__window_is_whole(&m->window) &&
+           !(m->desc.price > 0) && !(m->refine.threshold > 0) && !m->desc.options.rays;
+}
+
+/* Returns 1 if the store needs more cells, because stored light alone has SBL__MAP_COARSE times the target error, and
+   if the memory budget has room for them. */
 static int sbl__map_needs_cells(const sbl__map *m) {
     const sbl__core *c = m->work.core;
     const sbl__store *s = &c->scene.store;
-    const double left = (double)c->base.budget - (double)c->base.memory.host_bytes - (double)c->base.memory.gpu_bytes;
-    const double bytes = s->most_leaves * (SBL__BOUNCE_BYTES + SBL__BOUNCE_GROUP_BYTES * c->scene.light_groups);
+    const double bytes = SBL__BOUNCE_BYTES + SBL__BOUNCE_GROUP_BYTES * c->scene.light_groups;
+    const double most = m->work.foreseen + (s->most_leaves - s->max_leaves) * bytes;
     return m->refine.stored > SBL__MAP_COARSE * (double)m->desc.target_error && s->max_leaves < s->most_leaves &&
-           sbl__window_is_whole(&m->window) && !(m->desc.price > 0) && !(m->desc.threshold > 0) &&
-           !m->desc.options.rays && (!c->base.budget || bytes <= left);
+           (!c->base.budget || most <= (double)c->base.budget);
 }
 
 /* >>map: surfaces that pixels show */
@@ -22426,11 +22435,8 @@ static sbl_result sbl__map_upload(const sbl__map *m, sbl__texture *t, const floa
 
 /* Prepares hierarchy, lamps and store for the map; if a glimpse must be made first, only hierarchy and lamps. */
 static sbl_result sbl__map_prepare(void *work, sbl__slice *slice) {
-    sbl__map *m = (sbl__map *)work;
-    const int glimpse = sbl__map_owes_glimpse(m);
-    if (!glimpse && m->work.measurement.options.mode == SBL_MODE_GI && !m->work.core->scene.store.ready)
-        m->filled = SBL__FILLED_NOW;
-    return sbl__prepare(m->work.core, glimpse ? &m->glimpse_measurement : &m->work.measurement, slice);
+    const sbl__map *m = (const sbl__map *)work;
+    return sbl__prepare(m->work.core, sbl__map_owes_glimpse(m) ? &m->glimpse_measurement : &m->work.measurement, slice);
 }
 
 static int sbl__map_after_prepare(void *work) {
@@ -22642,9 +22648,10 @@ static sbl_result sbl__map_refine(void *work, sbl__slice *slice) {
         m->paced_from[1] = (double)sbl__refine_looks(&m->refine);
     }
     result = sbl__refine_step(&m->refine, slice);
-    if (result == SBL_UNFINISHED && m->filled == SBL__FILLED_NOW && sbl__refine_round_is_over(&m->refine)) {
-        m->filled = sbl__map_needs_cells(m) ? SBL__FILLED_TOO_COARSE : SBL__FILLED_BEFORE;
-        if (m->filled == SBL__FILLED_TOO_COARSE) return sbl__map_make_gbuffer(m);  /* sbl__map_trim has trimmed it */
+    if (result == SBL_UNFINISHED && sbl__refine_round_is_over(&m->refine) && sbl__map_judges_store(m)) {
+        m->work.core->scene.store.unjudged = 0;
+        m->too_coarse = sbl__map_needs_cells(m);
+        if (m->too_coarse) return sbl__map_make_gbuffer(m);  /* sbl__map_trim has trimmed it */
     }
     if (result == SBL_SUCCESS) return sbl__refine_end(&m->refine);
     return result == SBL_UNFINISHED && sbl__map_preview_is_due(m) ? SBL_SUCCESS : result;
@@ -22652,8 +22659,8 @@ static sbl_result sbl__map_refine(void *work, sbl__slice *slice) {
 
 static int sbl__map_after_refine(void *work) {
     sbl__map *m = (sbl__map *)work;
-    if (m->filled == SBL__FILLED_TOO_COARSE) {
-        m->filled = SBL__FILLED_BEFORE;
+    if (m->too_coarse) {
+        m->too_coarse = 0;
         sbl__bounce_refill(m->work.core);
         sbl__map_start_again(m);
         return SBL__MAP_PREPARE;

@@ -125,18 +125,28 @@ TEST(memory_of_lightmaps_is_predicted) {
     }
 }
 
-/* A store that is too coarse for the target error is not made again if the larger store would exceed the budget. */
+/* A store that is too coarse for the target error is made again only if the budget has room for the larger store beside
+   all that the picture needs: 2600 bytes per cell. */
 TEST(stores_grow_within_the_budget) {
-    sbl_context *context = make_context(90000000, 1024);
-    sbl_picture_desc view = scene_cornell_view(24, 24);
-    REQUIRE(context, "%s", watch_last(&seen));
-    inside_limit_cells(context, 1024, 65536);
-    view.options.mode = SBL_MODE_GI;
-    view.target_error = 0.004f;
-    CHECK(sbl_render_picture(context, &view) == SBL_SUCCESS, "%s", watch_last(&seen));
-    CHECK(sbl_query_stats(context).store.max_cells == 1024, "%d cells at most",
-          sbl_query_stats(context).store.max_cells);
-    sbl_destroy(context);
+    enum { FEW = 1024, MANY = 4096, PER_CELL = 2600 };
+    int i;
+    for (i = 0; i < 2; i++) {
+        sbl_context *context = make_context(0, FEW);
+        sbl_picture_desc view = scene_cornell_view(24, 24);
+        size_t budget;
+        REQUIRE(context, "%s", watch_last(&seen));
+        view.options.mode = SBL_MODE_GI;
+        view.target_error = 0.004f;
+        budget = (size_t)held(context) + sbl_picture_bytes(context, &view) + (MANY - FEW) * PER_CELL - 100000;
+        sbl_destroy(context);
+        context = make_context(i ? budget + 200000 : budget, FEW);
+        REQUIRE(context, "%s", watch_last(&seen));
+        inside_limit_cells(context, FEW, MANY);
+        CHECK(sbl_render_picture(context, &view) == SBL_SUCCESS, "%s", watch_last(&seen));
+        CHECK(sbl_query_stats(context).store.max_cells == (i ? MANY : FEW), "budget %d: %d cells at most", i,
+              sbl_query_stats(context).store.max_cells);
+        sbl_destroy(context);
+    }
 }
 
 /* A picture that exceeds the budget is refused before the work, with a message that names the greatest possible size.

@@ -416,8 +416,8 @@ TEST(a_store_with_few_cells_causes_a_warning) {
 }
 
 /* The default of max_bounce_cells increases with the number of triangles, within limits. A picture may raise it to
-   196608, but neither a number that the host sets nor the value -1. The warning about coarse light
-   names the number of cells. */
+   196608, but neither a number that the host sets nor the value -1. The warning about coarse light names the number of
+   cells. */
 TEST(more_triangles_get_more_cells) {
     static const struct { int slices, stacks; const char *cells; } balls[] = {  /* the room has 26 triangles */
         { 8, 5, "49152" }, { 200, 101, "60039" }, { 400, 166, "196608" } };
