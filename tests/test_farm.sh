@@ -256,7 +256,7 @@ kill_node() {
     done
 }
 node_and_process_die() {
-    "$farm" render "$scene" -o "$folder/b.exr" $small --size 480x360 --parts 10 || return
+    "$farm" render "$scene" -o "$folder/b.exr" $small --size 320x240 --parts 10 || return
     wait_for has_parts "$folder/b.exr" 2 || return
     kill_node
     wait_for pgrep -f 'sbl_render.*part=auto/10' > /dev/null || return

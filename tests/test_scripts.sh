@@ -101,8 +101,8 @@ rest='/* RUN_PLAIN() */'  # makes scripts/test run a fake test twice: sanitized,
 fake_tests() {
     rm -rf "$fake"
     mkdir -p "$fake/tests/support" "$fake/build"
-    [ ! -d build/node_modules ] || ln -s "$PWD/build/node_modules" "$fake/build"  # installing takes seconds
     cp -r scripts "$fake"
+    printf '#!/bin/sh\n[ "$*" = --test ]\n' > "$fake/scripts/setup"  # looking for what is installed takes a second
     cp tests/support/keep_loaded.c tests/support/driver_memory.c tests/support/*san.supp "$fake/tests/support"
     printf '#include <pthread.h>\nint shared;\n%s;\n%s { shared++; return user; }\n' \
         'void *touch(void *user)' 'void *touch(void *user)' \
