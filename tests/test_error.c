@@ -426,7 +426,8 @@ static float *coarse_picture(const test_scene *s, const sbl_picture_desc *view, 
         do {
             static float early[3 * 31 * 33];
             result = sbl_step(context, slice);
-            if (slice > 0) sbl_read_channel(context, SBL_CHANNEL_RADIANCE, early, (size_t)(3 * view->width * view->height));
+            if (slice > 0)
+                sbl_read_channel(context, SBL_CHANNEL_RADIANCE, early, (size_t)(3 * view->width * view->height));
         } while (result == SBL_UNFINISHED);
     light = (float *)malloc(3 * sizeof *light * (size_t)width * (size_t)view->height);
     if (result == SBL_SUCCESS) result = sbl_read_channel(context, SBL_CHANNEL_RADIANCE, light,
