@@ -348,9 +348,9 @@
    run. sbl_stats.seconds.bounce and sbl_stats.store tell its cost.
 
    Budget: sbl_scene_desc.max_bounce_cells limits the number of cells, and so their size. Time and memory grow with it.
-   By default, the first picture or lightmap that uses the store checks it after its first round of sensors: if stored
-   light alone has more than 1.5 times the target error, the store is made again with up to 196608 cells, and the
-   picture starts again. All later work uses this store, until the next sbl_set_scene. Windows and pictures with a
+   By default, the first picture or lightmap that uses the store checks it after its first round of sensors: if the
+   error of stored light alone exceeds 1.5 times the target error, the store is made again with up to 196608 cells, and
+   the picture starts again. All later work uses this store, until the next sbl_set_scene. Windows and pictures with a
    price, a threshold or options.rays do not check the store, and it is not made again if the larger store would exceed
    sbl_context_desc.memory_budget. Set the number yourself if several processes must make the same store, if stored
    light still limits the error, or if light looks patchy; lower it for a quick preview. It does not change the grain of
@@ -12731,8 +12731,8 @@ static const char *const sbl__glsl_lamps[] = {
 "// Measures the light of lamps: emitting triangles, lights, bright texels of the sky, and glows, which are parts of\n",
 "// surfaces that reflect much light. The light of an unobstructed lamp is known in closed form, and rays measure\n",
 "// the fraction that arrives: the ratio estimator of Heitz, Hill and McGuire 2018, \"Combining analytic direct\n",
-"// illumination and stochastic shadows\". If there are many lamps, lamps far from the sensor form clusters. A\n",
-"// ray towards a cluster picks one of its lamps, with a probability proportional to the lamp's light.\n",
+"// illumination and stochastic shadows\". If there are many lamps, lamps far from the sensor form clusters. A ray\n",
+"// towards a cluster picks one of its lamps, with a probability proportional to the lamp's light.\n",
 "//\n",
 "//     choose   makes the list of entries: the lamps and clusters that give this sensor light, with their strengths\n",
 "//     pick     picks one of the entries for a ray\n",
@@ -22227,7 +22227,7 @@ typedef struct sbl__map {
 #define SBL__MAP_SPENT 0.6        /* each second of refinement reduces the rest of the typical time by this many
                                      seconds, because refinement that lasts is longer than typical */
 #define SBL__MAP_LEAST 0.4        /* lower limit of the rest of the typical time, as a fraction of the typical time */
-#define SBL__MAP_COARSE 1.5       /* the store is filled again if its light has more than this factor * target_error */
+#define SBL__MAP_COARSE 1.5       /* the store is filled again if the error of its light exceeds this * target_error */
 #define SBL__MAP_TILES 0.15       /* estimated number of tiles per pixel, including unused capacity */
 #define SBL__MAP_SENSORS 0.2      /* estimated number of sensors per pixel */
 #define SBL__GBUFFER_BYTES 76.0   /* bytes per pixel of a G-buffer that refinement reads: SBL__GBUFFER_ALL */
@@ -22356,8 +22356,8 @@ static void sbl__map_begin_glimpse(sbl__map *m) {
     sbl__map_begin_refine(m, &m->glimpse_measurement, &desc);
 }
 
-/* Makes refinement start again. Keeps its preview, which the host reads, and the time in the statistics. PREPARE must
-   follow. */
+/* Drops all measurements, so that refinement starts again after the stages from PREPARE on. Keeps the preview, which
+   the host reads, and the times in the statistics. */
 static void sbl__map_start_again(sbl__map *m) {
     sbl__core *c = m->work.core;
     sbl__refine_reset(&m->refine);
@@ -22370,15 +22370,16 @@ static void sbl__map_start_again(sbl__map *m) {
 
 /* >>map: more cells for the store */
 
-/* Returns 1 if this map decides, after its first round, whether the store needs more cells. Later pictures then have
-   the same light. A window does not decide, because the other windows of its picture would have other light. */
+/* Returns 1 if this map must decide, after its first round, whether the store needs more cells. Only one map decides,
+   so that later pictures use the same store. A window does not decide, because the other windows of its picture may
+   have been made with the old store. */
 static int sbl__map_judges_store(const sbl__map *m) {
     return m->spec.bounced && m->work.core->scene.store.unjudged && sbl__window_is_whole(&m->window) &&
            !(m->desc.price > 0) && !(m->refine.threshold > 0) && !m->desc.options.rays;
 }
 
-/* Returns 1 if the store needs more cells, because stored light alone has SBL__MAP_COARSE times the target error, and
-   if the memory budget has room for them. */
+/* Returns 1 if the store needs more cells, because the error of stored light alone exceeds SBL__MAP_COARSE times the
+   target error, and if the memory budget has room for these cells. */
 static int sbl__map_needs_cells(const sbl__map *m) {
     const sbl__core *c = m->work.core;
     const sbl__store *s = &c->scene.store;

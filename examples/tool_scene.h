@@ -189,8 +189,9 @@ enum {
                                    "default 1024, 4096, 16384 by preset"), NULL, NULL }, \
     [MAX_BOUNCE_CELLS] = { "--max-bounce-cells", "N", INTEGERS, &common.max_bounce_cells, 1, 1024, 1048576, \
                         "maximum number of cells that store bounced light, in mode gi; each needs about 4 KB of " \
-                        "memory. Default: 1.5 per triangle, limited to 49152..196608, or 196608 if the light " \
-                        "has more than 1.5 times the target error (not with parts, frames or several lightmaps). " \
+                        "memory. Default: 1.5 per triangle, limited to 49152..196608, or 196608 if the error of " \
+                        "stored light exceeds 1.5 times the target error (but not with parts, frames or several " \
+                        "lightmaps). " \
                         "Use more if light comes through gaps, or if geometry is fine. --bounce-samples is a " \
                         "synonym", \
                         .synonym = "--bounce-samples" }, \

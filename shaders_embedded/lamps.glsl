@@ -1,8 +1,8 @@
 // Measures the light of lamps: emitting triangles, lights, bright texels of the sky, and glows, which are parts of
 // surfaces that reflect much light. The light of an unobstructed lamp is known in closed form, and rays measure
 // the fraction that arrives: the ratio estimator of Heitz, Hill and McGuire 2018, "Combining analytic direct
-// illumination and stochastic shadows". If there are many lamps, lamps far from the sensor form clusters. A
-// ray towards a cluster picks one of its lamps, with a probability proportional to the lamp's light.
+// illumination and stochastic shadows". If there are many lamps, lamps far from the sensor form clusters. A ray
+// towards a cluster picks one of its lamps, with a probability proportional to the lamp's light.
 //
 //     choose   makes the list of entries: the lamps and clusters that give this sensor light, with their strengths
 //     pick     picks one of the entries for a ray

@@ -376,18 +376,23 @@ TEST(of_few_bounce_samples) {
     scene_free(&k.scene);
 }
 
+/* Makes a room whose lamp lights only part of the ceiling. */
+static void lit_ceiling(test_scene *s) {
+    static const float lamp[12] = { -0.2f, 0.8f, -0.2f, -0.2f, 0.8f, 0.2f, 0.2f, 0.8f, 0.2f, 0.2f, 0.8f, -0.2f };
+    scene_box(s, scene_material(s, 0.7f, 0.7f, 0.7f), -1, -1, -1, 1, 1, 1);
+    scene_polygon(s, scene_lamp(s, 100, 100, 100), lamp, 4);
+}
+
 /* A lamp lights only part of a ceiling, so that few rays of the store find the light that reaches the room. Stores with
    different numbers of cells then differ by noise, which the predicted error of stored light includes. Nearby cells
    have no part in it, because there are none near the middle of the floor. */
 TEST(of_noise_in_the_store) {
     enum { STORES = 12 };
-    static const float lamp[12] = { -0.2f, 0.8f, -0.2f, -0.2f, 0.8f, 0.2f, 0.2f, 0.8f, 0.2f, 0.2f, 0.8f, -0.2f };
     test_scene s = { 0 };
     sbl_picture_desc view = scene_view(16, 12, 15, 0.3f, 0.5f, 0.3f, 0, -1, 0);
     double mean = 0, squares = 0, predicted = 0, off;
     int i, k;
-    scene_box(&s, scene_material(&s, 0.7f, 0.7f, 0.7f), -1, -1, -1, 1, 1, 1);
-    scene_polygon(&s, scene_lamp(&s, 100, 100, 100), lamp, 4);
+    lit_ceiling(&s);
     view.options.mode = SBL_MODE_GI;
     view.options.rays = 1024;
     for (i = 0; i < STORES; i++) {
@@ -411,13 +416,12 @@ TEST(of_noise_in_the_store) {
     scene_free(&s);
 }
 
-/* Renders a small picture of a room whose ceiling is lit by a lamp; see of_coarse_stores. usual, most: see
-   inside_limit_cells. Returns R, or NULL on failure. */
+/* Renders a picture, and returns R, or NULL on failure. usual, most: see inside_limit_cells; most: 0: the host sets the
+   number `usual`. slice: seconds of a step; if it is not 0, R of the unfinished picture is read after each step */
 static float *coarse_picture(const test_scene *s, const sbl_picture_desc *view, int usual, int most, double slice) {
     sbl_scene_desc desc = scene_desc(s);
-    const int width = view->window[2] ? view->window[2] : view->width;
+    sbl_picture_desc shown = *view;
     sbl_result result;
-    float *light;
     desc.max_bounce_cells = most ? 1024 : usual;
     if (sbl_set_scene(context, &desc) != SBL_SUCCESS) return NULL;
     if (most) inside_limit_cells(context, usual, most);
@@ -429,20 +433,15 @@ static float *coarse_picture(const test_scene *s, const sbl_picture_desc *view, 
             if (slice > 0)
                 sbl_read_channel(context, SBL_CHANNEL_RADIANCE, early, (size_t)(3 * view->width * view->height));
         } while (result == SBL_UNFINISHED);
-    light = (float *)malloc(3 * sizeof *light * (size_t)width * (size_t)view->height);
-    if (result == SBL_SUCCESS) result = sbl_read_channel(context, SBL_CHANNEL_RADIANCE, light,
-                                                         3 * (size_t)width * (size_t)view->height);
-    if (result == SBL_SUCCESS) return light;
-    free(light);
-    return NULL;
+    if (view->window[2]) shown.width = view->window[2];
+    return result == SBL_SUCCESS ? scene_channel(context, &shown, SBL_CHANNEL_RADIANCE) : NULL;
 }
 
-/* If stored light alone has more than 1.5 times the target error, the first picture makes the store again with more
-   cells, and is then the same, with the same statistics, as with these cells from the start. Pictures with another
+/* If the error of stored light alone exceeds 1.5 times the target error, the first picture makes the store again with
+   more cells, and is then the same, with the same statistics, as with these cells from the start. Pictures with another
    target, and those to which other rules apply, use the store as it is. A picture that can decide does so only once. */
 TEST(of_coarse_stores) {
     enum { FEW = 2000, MANY = 6000 };
-    static const float lamp[12] = { -0.2f, 0.8f, -0.2f, -0.2f, 0.8f, 0.2f, 0.2f, 0.8f, 0.2f, 0.2f, 0.8f, -0.2f };
     static const char *const names[] = { "whole", "in slices", "error allowed", "number set", "window", "price",
         "threshold", "threshold 0", "rays" };
     enum { WHOLE, SLICES, ALLOWED, SET, WINDOW, PRICE, THRESHOLD, THRESHOLD_0, RAYS, CASES };
@@ -452,8 +451,7 @@ TEST(of_coarse_stores) {
     sbl_stats whole;
     float *expected;
     int i;
-    scene_box(&s, scene_material(&s, 0.7f, 0.7f, 0.7f), -1, -1, -1, 1, 1, 1);
-    scene_polygon(&s, scene_lamp(&s, 100, 100, 100), lamp, 4);
+    lit_ceiling(&s);
     view.options.mode = SBL_MODE_GI;
     free(coarse_picture(&s, &view, FEW, 0, 0));
     stored = (double)sbl_query_stats(context).picture.stored_error;
@@ -495,13 +493,11 @@ TEST(of_coarse_stores) {
 
 /* A picture with guided looks and sensors at all pixels, of which the host reads a preview, is also made again. */
 TEST(of_coarse_stores_with_guides) {
-    static const float lamp[12] = { -0.2f, 0.8f, -0.2f, -0.2f, 0.8f, 0.2f, 0.2f, 0.8f, 0.2f, 0.2f, 0.8f, -0.2f };
     test_scene s = { 0 };
     sbl_picture_desc view = scene_view(31, 33, 40, 0.3f, 0.5f, 0.3f, 0, -1, 0);
     float *light[2];
     int i;
-    scene_box(&s, scene_material(&s, 0.7f, 0.7f, 0.7f), -1, -1, -1, 1, 1, 1);
-    scene_polygon(&s, scene_lamp(&s, 100, 100, 100), lamp, 4);
+    lit_ceiling(&s);
     view.options.mode = SBL_MODE_GI;
     view.target_error = 0.003f;
     view.look_rays = -64;

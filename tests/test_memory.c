@@ -125,8 +125,8 @@ TEST(memory_of_lightmaps_is_predicted) {
     }
 }
 
-/* A store that is too coarse for the target error is made again only if the budget has room for the larger store beside
-   all that the picture needs: 2600 bytes per cell. */
+/* A store that is too coarse for the target error is made again only if the budget has room for 2600 bytes per
+   additional cell, besides the predicted need of the picture. */
 TEST(stores_grow_within_the_budget) {
     enum { FEW = 1024, MANY = 4096, PER_CELL = 2600 };
     int i;
