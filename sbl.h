@@ -351,10 +351,10 @@
    By default, the first picture or lightmap that uses the store checks it after its first round of sensors: if the
    error of stored light alone exceeds 1.5 times the target error, the store is made again with up to 196608 cells, and
    the picture starts again. All later work uses this store, until the next sbl_set_scene. Windows and pictures with a
-   price, a threshold or options.rays do not check the store, and it is not made again if the larger store would exceed
-   sbl_context_desc.memory_budget. Set the number yourself if several processes must make the same store, if stored
-   light still limits the error, or if light looks patchy; lower it for a quick preview. It does not change the grain of
-   single pixels, which a smaller target_error reduces.
+   price, a threshold, options.rays or max_bounce_cells do not check the store, and it is not made again if the larger
+   store would exceed sbl_context_desc.memory_budget. Set the number yourself if several processes must make the same
+   store, if stored light still limits the error, or if light looks patchy; lower it for a quick preview. It does not
+   change the grain of single pixels, which a smaller target_error reduces.
 
    Accuracy at default settings, measured against an independent path tracer (relative root mean square error of R, in
    blocks of 4 x 4 pixels): 0.8 % in the Cornell box, in a staircase room with 130 emitting triangles, and in a room
@@ -839,7 +839,7 @@
    a pixel of the whole picture.
 
    What windows must share: all windows of a picture should have five things in common. A small picture of the whole,
-   which has the same target error, supplies the first four. Its width or height should be a quarter of the whole, but
+   which has the same target error, supplies them. Its width or height should be a quarter of the whole, but
    at least 192 pixels (or the size of the whole, if that is less) and at most 512:
 
        mean       copy sbl_stats.picture.mean_radiance of the small picture into mean_radiance of the windows, so that
@@ -855,8 +855,9 @@
                   window finds out by itself how many rays its looks need. Its looks may then cost several times as much
                   as those of the small picture, so that the price and WORK of the small picture are wrong for it
        exposure   set auto_exposure only in the small picture, and copy its sbl_stats.picture.exposure
-       store      in SBL_MODE_GI, use one context, or sbl_save_store and sbl_load_store, or set max_bounce_cells,
-                  because the small picture may raise its default
+       store      in SBL_MODE_GI, copy sbl_stats.store.max_cells of the small picture into max_bounce_cells of the
+                  windows, because the small picture may raise it. Windows that use another context then make the same
+                  store. sbl_save_store and sbl_load_store save the time for that
 
    Borders of windows: on the same GL driver, a window is the same to the bit, no matter which windows were made before.
    Windows fit together, because their tiles and the rotations of their sensors are those of the whole picture, and
@@ -1430,6 +1431,9 @@ typedef struct sbl_picture_desc {
     int look_rays;             /* number of rays over the hemisphere that each look traces: 16, 32, 64 or 128; with a
                                   minus sign, rays are guided to bright areas. Set it for windows, see ON PARTS; it
                                   has no effect if options.rays is set. Default: 0, first looks decide */
+    int max_bounce_cells;      /* maximum number of cells of the store in SBL_MODE_GI, as in sbl_scene_desc. A store
+                                  that was made with another number is made again. Set it for windows, see ON PARTS. -1:
+                                  the store stays as it is. Default: 0, the picture may raise the number of the scene */
     int measure_work;          /* 1: SBL_CHANNEL_WORK contains the work of rays, see ON PARTS. Default: 0 */
     int tile;                  /* pixels between sensors of the first level, 1 (every pixel) to 1024. Default: 16, or 4
                                   with options.ray_length, because ambient occlusion can be narrow */
@@ -1649,6 +1653,7 @@ typedef struct sbl_lightmap_desc {
     float mean_radiance[3];    /* the mean R to which target_error is relative, as in sbl_picture_desc */
     float price;               /* least benefit of a look, as in sbl_picture_desc */
     int look_rays;             /* number of rays of a look, as in sbl_picture_desc */
+    int max_bounce_cells;      /* maximum number of cells of the store, as in sbl_picture_desc */
     int tile;                  /* distance between sensors of the first level, in positions of `supersample`, which are
                                   texels if it is 1. Default: 8, or 4 with options.ray_length. 8 is half of a
                                   picture's default, because an object that covers a part of a wall leaves no edge in
@@ -4332,6 +4337,11 @@ static int sbl__check_int(sbl__check *check, const char *name, int x, int low, i
     return 0;
 }
 
+static void sbl__check_cells(sbl__check *check, int max_bounce_cells) {
+    if (max_bounce_cells && max_bounce_cells != -1)
+        sbl__check_int(check, "max_bounce_cells", max_bounce_cells, 1024, 1048576);
+}
+
 /* >>check: meshes */
 
 /* For each sbl_type: its name, size of a component in bytes, and the factor from stored to real values */
@@ -4594,8 +4604,7 @@ static sbl_result sbl__check_scene(const sbl__device *d, const sbl_scene_desc *d
                          (double)*x);
     }
     sbl__check_range(&check, "draw_max_radiance", &desc->draw_max_radiance, 1, sbl__not_negative_range);
-    if (desc->max_bounce_cells && desc->max_bounce_cells != -1)
-        sbl__check_int(&check, "max_bounce_cells", desc->max_bounce_cells, 1024, 1048576);
+    sbl__check_cells(&check, desc->max_bounce_cells);
     if (sbl__check_int(&check, "light_groups", desc->light_groups, 0, SBL_MAX_LIGHT_GROUPS)) {
         sbl__check_light_group(&check, "sky_group", desc->sky_group, desc->light_groups);
         if (desc->draw && desc->light_groups)
@@ -8059,7 +8068,8 @@ typedef struct sbl__store {
     sbl__bright_cell *bright;  /* all cells with bright leaves, in the order of sbl__bright_order */
     int cut_count, cut_capacity, leaf_count, leaf_capacity, bright_count;
     int max_leaves;            /* maximum number of leaves, from sbl_scene_desc.max_bounce_cells */
-    int most_leaves;           /* a picture may raise max_leaves to this, see sbl__bounce_refill */
+    int most_leaves;           /* a picture that finds the store too coarse raises max_leaves to this */
+    int leaves_fit;            /* number of leaves that fit the driver's textures; limits max_leaves */
     int unjudged;              /* 1: the next picture that can will decide whether the store needs more cells, see
                                   sbl__map_judges_store */
     int unseen_level;          /* lowest level for cells of surface samples whose rays hit nothing */
@@ -8635,13 +8645,15 @@ static sbl_result sbl__scene_fit(const sbl__device *d, sbl__scene *s) {
                  g->mesh_count, most / 2, most / 3, most / per_mesh);
         return SBL_ERROR_UNSUPPORTED;
     }
+    s->store.leaves_fit = INT_MAX;
     if (s->geometry.wide) s->features |= SBL__WIDE;
     else {
         const int each = SBL__STORE_TEXELS + s->light_groups;
         const int leaves = (c->max_texture_buffer_size - g->triangle_count / 4) / each;
-        s->store.max_leaves = SBL__MAX(1024, SBL__MIN(s->store.max_leaves, leaves));
-        s->store.most_leaves = SBL__MAX(1024, SBL__MIN(s->store.most_leaves, leaves));
+        s->store.leaves_fit = SBL__MAX(1024, leaves);
     }
+    s->store.max_leaves = SBL__MIN(s->store.max_leaves, s->store.leaves_fit);
+    s->store.most_leaves = SBL__MIN(s->store.most_leaves, s->store.leaves_fit);
     return SBL_SUCCESS;
 }
 
@@ -9533,6 +9545,7 @@ static void sbl__check_refinement(sbl__check *check, const sbl_picture_desc *d) 
     if (rays && rays != 16 && rays != 32 && rays != 64 && rays != 128)
         sbl__mistake(check, "look_rays is %d; it must be 0, or 16, 32, 64 or 128 with or without a minus sign",
                      d->look_rays);
+    sbl__check_cells(check, d->max_bounce_cells);
     sbl__check_finite(check, "threshold", &d->threshold, 1);
     if (d->filter_radius > 32) sbl__mistake(check, "filter_radius is %d; it must be at most 32", d->filter_radius);
 }
@@ -9589,6 +9602,7 @@ static sbl_picture_desc sbl__lightmap_picture(const sbl_lightmap_desc *d) {
     memcpy(picture.mean_radiance, d->mean_radiance, sizeof picture.mean_radiance);
     picture.price = d->price;
     picture.look_rays = d->look_rays;
+    picture.max_bounce_cells = d->max_bounce_cells;
     picture.tile = d->tile || d->options.ray_length > 0 ? d->tile : 8;
     picture.threshold = d->threshold;
     picture.facet_limit = d->facet_limit;  /* if 0: the default of pictures; sbl__lightmap_begin then sets at_edges */
@@ -18492,12 +18506,15 @@ static sbl_result sbl__bounce_step(sbl__core *c, sbl__slice *slice) {
     return result;
 }
 
-/* Drops the light of the store, which is then filled again with up to s->most_leaves leaves. */
-static void sbl__bounce_refill(sbl__core *c) {
+/* Returns the maximum number of leaves of the present light or, if there is none, of the light that will be made. */
+static int sbl__bounce_max_leaves(const sbl__store *s) { return s->ready ? s->made_for : s->max_leaves; }
+
+/* Drops the light of the store, which is then filled again with up to max_leaves leaves. */
+static void sbl__bounce_refill(sbl__core *c, int max_leaves) {
     sbl__store *s = &c->scene.store;
     sbl__bounce_end(c);
     sbl__scene_glows_changed(&c->device, &c->scene);
-    s->max_leaves = s->most_leaves;
+    s->max_leaves = max_leaves;
     s->ready = 0;
 }
 
@@ -18796,6 +18813,7 @@ static sbl_result sbl__saved_load(sbl__core *c, sbl_read_function get, void *use
     memset(&s, 0, sizeof s);
     s.max_leaves = scene->store.max_leaves;
     s.most_leaves = scene->store.most_leaves;
+    s.leaves_fit = scene->store.leaves_fit;
     result = sbl__saved_read(&c->device, scene, &s, get, user, &fault);
     if (result == SBL_SUCCESS && !g->wide && g->triangle_count / 4 + 1 + s.cell_capacity / 2 + 2 * s.cut_count +
         s.leaf_count * (1 + scene->light_groups) > c->device.gl.capabilities.max_texture_buffer_size) {
@@ -22284,6 +22302,11 @@ static sbl_result sbl__map_check(const sbl__core *c, const char *where, const sb
     return SBL_ERROR_UNSUPPORTED;
 }
 
+/* Returns the maximum number of leaves that the store must have for a picture. */
+static int sbl__map_leaves(const sbl__store *s, const sbl_picture_desc *d) {
+    return d->max_bounce_cells > 0 ? SBL__MIN(d->max_bounce_cells, s->leaves_fit) : sbl__bounce_max_leaves(s);
+}
+
 /* Estimates the memory of a map: per working pixel, the refinement and the surfaces; once, the views and, if it is not
    ready, the store. The maximum occurs either during refinement, with the whole G-buffer and the jobs, or afterwards.
    d: with defaults, of the whole picture. own: bytes per working pixel that the front end always adds. late: bytes per
@@ -22291,14 +22314,14 @@ static sbl_result sbl__map_check(const sbl__core *c, const char *where, const sb
 static sbl__need sbl__map_need(const sbl__core *c, const sbl_picture_desc *d, double own, double late) {
     const sbl__window w = sbl__window_of(d);
     const sbl__store *s = &c->scene.store;
-    const int bounced = d->options.mode == SBL_MODE_GI;
+    const int bounced = d->options.mode == SBL_MODE_GI, leaves = sbl__map_leaves(s, d);
     const double tiles = d->tile == 1 ? 2 : SBL__MAP_TILES, sensors = d->tile == 1 ? 1 : SBL__MAP_SENSORS;
     double once = 0, pixel = (double)sizeof(sbl__pixel) + (bounced ? 12 : 0) + own;
     sbl__need need;
     if (d->options.mode == SBL_MODE_PAPER || d->options.backend == SBL_BACKEND_RASTER)
         once += (double)c->desc.sensor_texture_size * c->desc.sensor_texture_size * SBL__VIEW_BYTES;
-    if (bounced && !s->ready)
-        once += (double)s->max_leaves * (SBL__BOUNCE_BYTES + SBL__BOUNCE_GROUP_BYTES * c->scene.light_groups);
+    if (bounced && (!s->ready || leaves != s->made_for))
+        once += (double)leaves * (SBL__BOUNCE_BYTES + SBL__BOUNCE_GROUP_BYTES * c->scene.light_groups);
     pixel += tiles * (double)sizeof(sbl__tile) + sensors * (double)sizeof(sbl__sensor);
     need.pixels = (double)w.size[0] * (double)w.size[1];
     need.once[0] = once + SBL__MAP_JOBS;
@@ -22375,7 +22398,7 @@ static void sbl__map_start_again(sbl__map *m) {
    have been made with the old store. */
 static int sbl__map_judges_store(const sbl__map *m) {
     return m->spec.bounced && m->work.core->scene.store.unjudged && sbl__window_is_whole(&m->window) &&
-           !(m->desc.price > 0) && !(m->refine.threshold > 0) && !m->desc.options.rays;
+           !(m->desc.price > 0) && !(m->refine.threshold > 0) && !m->desc.options.rays && !m->desc.max_bounce_cells;
 }
 
 /* Returns 1 if the store needs more cells, because the error of stored light alone exceeds SBL__MAP_COARSE times the
@@ -22437,6 +22460,10 @@ static sbl_result sbl__map_upload(const sbl__map *m, sbl__texture *t, const floa
 /* Prepares hierarchy, lamps and store for the map; if a glimpse must be made first, only hierarchy and lamps. */
 static sbl_result sbl__map_prepare(void *work, sbl__slice *slice) {
     const sbl__map *m = (const sbl__map *)work;
+    const sbl__store *s = &m->work.core->scene.store;
+    const int leaves = sbl__map_leaves(s, &m->desc);
+    if (m->work.measurement.options.mode == SBL_MODE_GI && leaves != sbl__bounce_max_leaves(s))
+        sbl__bounce_refill(m->work.core, leaves);
     return sbl__prepare(m->work.core, sbl__map_owes_glimpse(m) ? &m->glimpse_measurement : &m->work.measurement, slice);
 }
 
@@ -22662,7 +22689,7 @@ static int sbl__map_after_refine(void *work) {
     sbl__map *m = (sbl__map *)work;
     if (m->too_coarse) {
         m->too_coarse = 0;
-        sbl__bounce_refill(m->work.core);
+        sbl__bounce_refill(m->work.core, m->work.core->scene.store.most_leaves);
         sbl__map_start_again(m);
         return SBL__MAP_PREPARE;
     }

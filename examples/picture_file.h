@@ -24,7 +24,7 @@
 enum { PICTURE_ERROR_STOPS = 5 };  /* error channels are shown brighter by this, because errors are small */
 
 /* Facts about a picture, each with a name and a text. */
-enum { PICTURE_FACTS = 11, PICTURE_FACT_SIZE = 1024 };
+enum { PICTURE_FACTS = 12, PICTURE_FACT_SIZE = 1024 };
 typedef struct picture_fact { const char *name; char text[PICTURE_FACT_SIZE]; } picture_fact;
 
 /* A picture, top row first. If it is a window of a larger picture, `at` is the position of its first pixel in that

@@ -22,6 +22,7 @@ enum {
     FACT_MEAN,      /* means of the full picture, which errors are relative to: mean_radiance and mean_final of
                        sbl_picture_desc */
     FACT_PRICE,     /* price, specular_price and look_rays of sbl_picture_desc */
+    FACT_CELLS,     /* max_bounce_cells of sbl_picture_desc; 0 if there is no store */
     FACT_EXPOSURE,  /* in stops; 0 if the channel has no exposure */
     FACT_RENDERER,  /* GL_RENDERER */
     FACT_PART,      /* the number of this part, such as "3/16", or empty */
@@ -29,19 +30,19 @@ enum {
 };
 
 static const char *const fact_names[FACT_COUNT] = { "sbl.version", "sbl.scene", "sbl.camera", "sbl.options",
-    "sbl.channel", "sbl.size", "sbl.mean", "sbl.price", "sbl.exposure", "sbl.renderer", "sbl.part" };
+    "sbl.channel", "sbl.size", "sbl.mean", "sbl.price", "sbl.cells", "sbl.exposure", "sbl.renderer", "sbl.part" };
 
 /* For each fact, the words of an error message about a difference, which follow "it was made". */
 static const char *const fact_words[FACT_COUNT] = { "by another version of sbl.h",
     "from another scene, or with other materials, lights or texture coordinates", "with another camera",
     "with other options", "of another channel", "for another size",
     "with another plan (give all parts the same --plan)", "with another plan (give all parts the same --plan)",
-    "with another plan (give all parts the same --plan)",
+    "with another plan (give all parts the same --plan)", "with another plan (give all parts the same --plan)",
     "by another driver", "as another part" };
 
 /* An option such as --sky also changes the scene, and --size the camera. */
 static const int fact_order[] = { FACT_VERSION, FACT_OPTIONS, FACT_CHANNEL, FACT_SIZE, FACT_SCENE, FACT_CAMERA,
-    FACT_MEAN, FACT_PRICE, FACT_EXPOSURE, -1 };
+    FACT_MEAN, FACT_PRICE, FACT_CELLS, FACT_EXPOSURE, -1 };
 enum { FACTS_OF_RUN = 6 };  /* the first of fact_order, which a run knows before it renders anything */
 
 static const part_kind picture_kind = { fact_names, fact_words, fact_order, 1u << FACT_SCENE | 1u << FACT_CAMERA,

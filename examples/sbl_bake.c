@@ -309,7 +309,6 @@ static int ends_with(const char *path, const char *ending) { return scene__ends_
 static int parse_part(void) {
     int status;
     if (!given[PART]) return DONE;
-    common.shares_cells = 1;
     if (given[LIGHTMAP] && !ends_with(common.output, ".exr"))
         return misuse("--output %s: a part of a lightmap is an .exr file, and --join joins the parts", common.output);
 #ifndef SBL_RENDER_OPENEXR

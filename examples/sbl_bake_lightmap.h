@@ -133,7 +133,6 @@ static int find_maps(scene_file *file) {
     if (last > 0 && !given[MAP] && (given[PART] || given[JOIN]))
         return fail("%s: it has %d lightmaps, and %s works with one; choose it: --map 0 to --map %d", common.scene,
                     last + 1, table[given[PART] ? PART : JOIN].name, last);
-    if (last > 0) common.shares_cells = 1;
     if (!options.lightmap) options.lightmap = file->map_size;  /* --lightmap auto */
     if (!options.lightmap)
         return fail("%s: it does not say how large its map is; give --lightmap a number of texels", common.scene);
@@ -501,6 +500,7 @@ static void describe_lightmap(map_bake *b) {
     if (given[GUTTER]) desc->gutter = (int)zero_or(options.gutter);
     desc->options = common_options(given, &b->bar);
     desc->target_error = (float)options.target_error;
+    if (map_count > 1) desc->max_bounce_cells = -1;  /* runs with other maps of the scene must make the same store */
     desc->directional = given[DIRECTIONAL];
     desc->grouped = given[LIGHT_GROUPS];
     desc->supersample = options.supersample;
@@ -578,7 +578,7 @@ static unsigned long long map_hash(const map_bake *b) {
     return hash;
 }
 
-/* Sets the facts that all windows of this map share, except mean and price. */
+/* Sets the facts that all windows of this map share, except those that look_at_map finds. */
 static void find_map_facts(map_bake *b) {
     static const int without[] = { OUTPUT, STATS, STORE, STORE_REPLACE, QUIET, VERBOSE, ALLOW_PATH, MEMORY, READ_TIME,
                                    LIGHTMAP, GUTTER, PART, PLAN, JOIN, RESUME, FORMATS, LIT,
@@ -596,7 +596,8 @@ static void find_map_facts(map_bake *b) {
     plan_fact(p, FACT_PART, "%s", "");
 }
 
-/* Bakes a small map to find the mean, the price and, if cost is not NULL, the cost. Returns the exit status. */
+/* Bakes a small map to find the mean, the price, the cells and, if cost is not NULL, the cost. Returns the exit
+   status. */
 static int look_at_map(void *user, plan_cost *cost) {
     map_bake *b = (map_bake *)user;
     const int across = options.lightmap * (options.supersample ? options.supersample : 1);
@@ -622,6 +623,7 @@ static void use_map_facts(void *user) {
     memcpy(b->desc.mean_radiance, picture.mean_radiance, sizeof picture.mean_radiance);
     b->desc.price = picture.price;
     b->desc.look_rays = picture.look_rays;
+    b->desc.max_bounce_cells = picture.max_bounce_cells;
 }
 
 static double map_window_bytes(const void *user, const int window[4]) {

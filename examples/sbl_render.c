@@ -108,10 +108,10 @@ static const tool_option table[OPTION_COUNT] = {
                "complete picture is made first. With --cameras or --frames, see --frames.\n"
                PLAN_AUTO_WORDS },
     [PLAN] = { "--plan", "FILE", TEXT, &options.part.plan, 0, 0, 0,
-               "FILE holds the windows of all parts, and the mean, the exposure and the price (the least benefit that "
-               "a measurement must have; see ON PARTS in sbl.h) of the complete picture. If FILE exists, it is "
-               "loaded; otherwise it is made. Needs --part. Parts that are made with different graphics drivers must "
-               "share one FILE" },
+               "FILE holds the windows of all parts, and the mean, the exposure, the price (the least benefit that a "
+               "measurement must have) and the number of cells of the complete picture, see ON PARTS in sbl.h. If "
+               "FILE exists, it is loaded; otherwise it is made. Needs --part. Parts that are made with different "
+               "graphics drivers must share one FILE" },
     [RESUME] = { "--resume", NULL, FLAG, NULL, 0, 0, 0,
                  "continues an interrupted picture that is made window by window. A picture is made window by window "
                  "if it has more than 4096 x 4096 pixels or needs more than --memory. Finished windows are in the "
@@ -223,7 +223,6 @@ static int parse_part(void) {
     int status;
     if (given[PLAN] && !given[PART]) return misuse("--plan needs --part K/N: a plan describes the parts");
     if (!given[PART]) return DONE;
-    common.shares_cells = 1;
     if (given[WINDOW]) return misuse("--part and --window both choose a part of the picture; give only one of them");
     if (given[INSPECT]) return misuse("--inspect draws a sensor, which has no parts; leave out --part");
     if (!ends_with(common.output, ".exr"))
@@ -534,6 +533,7 @@ typedef struct shot {
     windows windows;      /* the region of the output and its windows */
     image picture;        /* the window that was rendered last */
     double exposure;      /* common exposure of all frames in stops; NaN: each picture is exposed by itself */
+    int cells;            /* common max_bounce_cells of all frames */
 } shot;
 
 /* Returns the exit status for a signal that came before any picture existed. */
@@ -597,8 +597,7 @@ static int render_whole(shot *s, double *seconds) {
 
 /* ---- large pictures, rendered in windows ---- */
 
-/* Sets the facts that all parts of this picture share, except the mean, the price and the exposure, which look_at_whole
-   finds. */
+/* Sets the facts that all parts of this picture share, except those that look_at_whole finds. */
 static void find_facts(shot *s) {
     static const int without[] = { OUTPUT, STATS, STORE, STORE_REPLACE, QUIET, VERBOSE, ALLOW_PATH, MEMORY, READ_TIME,
                                    SIZE, EYE, LOOK_AT, UP, FOV, CAMERAS, FRAMES, FPS, CHANNEL, WINDOW, PART, PLAN,
@@ -617,7 +616,7 @@ static void find_facts(shot *s) {
     plan_fact(p, FACT_PART, "%s", "");
 }
 
-/* Sets mean, price and exposure from the facts. */
+/* Sets mean, price, cells and exposure from the facts. */
 static void use_facts(void *user) {
     shot *s = (shot *)user;
     double exposure = 0;
@@ -627,8 +626,8 @@ static void use_facts(void *user) {
     s->desc.auto_exposure = 0;
 }
 
-/* Renders a small version of the full picture to find the mean, the price, the exposure and, if cost is not NULL, the
-   cost. Returns the exit status. */
+/* Renders a small version of the full picture to find the mean, the price, the cells, the exposure and, if cost is not
+   NULL, the cost. Returns the exit status. */
 static int look_at_whole(void *user, plan_cost *cost) {
     shot *s = (shot *)user;
     const double shrink = plan_small(s->desc.width > s->desc.height ? s->desc.width : s->desc.height);
@@ -643,7 +642,7 @@ static int look_at_whole(void *user, plan_cost *cost) {
     small.auto_exposure = isnan(options.exposure);
     small.exposure = small.auto_exposure ? 0 : (float)options.exposure;
     memset(&stats, 0, sizeof stats);
-    if (needs_no_light(s->channel)) plan_mean_and_price(&s->windows.work, &stats, shrink);
+    if (needs_no_light(s->channel)) plan_set(&s->windows.work, &stats, shrink);
     else {
         result = sbl_begin_picture(s->task->context, &small);
         if (result == SBL_SUCCESS) result = windows_look(&s->windows, shrink, cost);
@@ -751,6 +750,7 @@ static void begin_shot(shot *s) {
     fill_desc(&s->desc, s->task->file, &s->bar);
     memcpy(s->desc.world_to_view, placed.world_to_view, sizeof s->desc.world_to_view);
     memcpy(s->desc.view_to_clip, placed.view_to_clip, sizeof s->desc.view_to_clip);
+    s->desc.max_bounce_cells = s->cells;
     if (!s->desc.auto_exposure || isnan(s->exposure)) return;
     s->desc.auto_exposure = 0;
     s->desc.exposure = (float)s->exposure;
@@ -775,15 +775,20 @@ static int render_shot(shot *s, double *seconds) {
     return status;
 }
 
-/* If all frames share one exposure, finds it with a small picture of frame 1. The caller has placed the camera of frame
-   1. Returns the exit status. */
-static int expose_frames(shot *s) {
-    int status;
+/* Finds the exposure and the number of cells that all frames share, with a small picture of frame 1 if needed. The
+   caller has placed the camera of frame 1. Returns the exit status. */
+static int look_at_frames(shot *s) {
+    const int stores = common_mode(given) == SBL_MODE_GI && !needs_no_light(s->channel);
+    const int has_store = given[STORE] && !s->task->makes_store;
+    int exposes, status;
     begin_shot(s);
-    if (!isnan(options.exposure) || !(s->desc.auto_exposure || given[WINDOW])) return DONE;
+    exposes = isnan(options.exposure) && (s->desc.auto_exposure || given[WINDOW]);
+    if (!exposes && (!stores || has_store)) return DONE;
     status = look_at_whole(s, NULL);
-    if (status == DONE) sscanf(s->windows.work.facts[FACT_EXPOSURE].text, "%lf", &s->exposure);
-    return status;
+    if (status != DONE) return status;
+    if (exposes) sscanf(s->windows.work.facts[FACT_EXPOSURE].text, "%lf", &s->exposure);
+    sscanf(s->windows.work.facts[FACT_CELLS].text, "%d", &s->cells);
+    return DONE;
 }
 
 /* Renders frame n and adds its statistics to sum. Returns the exit status. */
@@ -811,7 +816,7 @@ static int render_frame(shot *s, int n, sbl_stats *sum, double *seconds) {
 /* Renders and writes the frames one after the other. Returns the exit status. */
 static int render_frames(shot *s, double *seconds) {
     sbl_stats sum;
-    int n = frames.first, status = expose_frames(s);
+    int n = frames.first, status = look_at_frames(s);
     memset(&sum, 0, sizeof sum);
     while (status == DONE && n <= frames.last && !interrupted) {
         status = render_frame(s, n, &sum, seconds);

@@ -50,10 +50,12 @@ enum { CAMERAS = CAMERA_END, FRAMES, FPS, FRAMES_END };
     [FRAMES]        = { "--frames", "A-B|A", TEXT, &frames.range, 0, 0, 0, \
                         "makes only frames A to B, or frame A. The cameras come from --cameras, or from the " \
                         "animated camera of a .gltf or .glb file (LINEAR or STEP keys); frame 1 is at time 0. Only " \
-                        "the camera moves. With --part K/N, a run makes the K-th of N parts of the frames. --stats " \
-                        "writes the sums over all frames. After Ctrl-C, finished frames stay, and the unfinished " \
-                        "one is not saved. --resume continues the unfinished windows of a frame; it refuses a frame " \
-                        "that already has its output file and no folder of windows", NULL, NULL }, \
+                        "the camera moves. With --part K/N, a run makes the K-th of N parts of the frames. In mode " \
+                        "gi, each run makes a small picture of frame 1 first, unless the FILE of --store exists, " \
+                        "so that all runs use the same number of cells. --stats writes the sums over all frames. " \
+                        "After Ctrl-C, finished frames stay, and the unfinished one is not saved. " \
+                        "--resume continues the unfinished windows of a frame; it refuses a frame that already has " \
+                        "its output file and no folder of windows", NULL, NULL }, \
     [FPS]           = { "--fps", "N", NUMBERS, &frames.rate, 1, 0.001, 1000, \
                         "frames per second of an animated camera; default 24", NULL, NULL }
 
@@ -290,7 +292,6 @@ static int frames_parse(const int *given, part_choice *part) {
         return misuse("--fps needs --frames A-B, without --cameras: it is for animated cameras of .gltf and .glb "
                       "files");
     if (!given[CAMERAS] && !given[FRAMES]) return DONE;
-    common.shares_cells = 1;
     if (given[CAMERAS] && (given[EYE] || given[LOOK_AT]))
         return misuse("--cameras and %s both place the camera; give only one of them",
                       given[EYE] ? "--eye" : "--look-at");

@@ -204,38 +204,45 @@ static double plan_small(double across) {
 
 #define PRICE_GROWTH 0.4  /* the price grows with this power of the number of pixels; see ON PARTS in sbl.h */
 
-/* Sets the facts of the means, and of the prices with the rays per look. stats: of the small version. shrink: its
-   reduction factor */
-static void plan_mean_and_price(plan *p, const sbl_stats *stats, double shrink) {
+/* Sets the facts that windows copy into their descriptors, except the exposure: the means, the prices with the rays per
+   look, and the cells of the store. stats: of the small version. shrink: its reduction factor */
+static void plan_set(plan *p, const sbl_stats *stats, double shrink) {
     const float *mean = stats->picture.mean_radiance, *final = stats->picture.mean_final;
     const double growth = pow(shrink, 2 * PRICE_GROWTH);
     plan_fact(p, FACT_MEAN, "%.9g %.9g %.9g %.9g %.9g %.9g", (double)mean[0], (double)mean[1], (double)mean[2],
               (double)final[0], (double)final[1], (double)final[2]);
     plan_fact(p, FACT_PRICE, "%.9g %.9g %d", (double)stats->picture.price * growth,
               (double)stats->picture.specular_price * growth, stats->picture.look_rays);
+    plan_fact(p, FACT_CELLS, "%d", stats->store.max_cells);
 }
 
-/* Returns 1 if the text of a fact has the form that plan_mean_and_price or `look` writes. */
+static int plan__comes_from_look(int fact) {
+    return fact == FACT_MEAN || fact == FACT_PRICE || fact == FACT_CELLS || fact == FACT_EXPOSURE;
+}
+
+/* Returns 1 if the text of a fact has the form that plan_set or `look` writes. */
 static int plan__is_valid(int fact, const char *text) {
     const int count = fact == FACT_MEAN ? 6 : fact == FACT_PRICE ? 2 : 1;
-    double numbers[6];
-    int k, rays, end = 0, ok;
+    double numbers[6] = { 0, 0, 0, 0, 0, 0 };
+    int k, rays, cells = 0, end = 0, ok;
     if (fact == FACT_PRICE) ok = sscanf(text, "%lf %lf %d%n", &numbers[0], &numbers[1], &rays, &end) == 3;
+    else if (fact == FACT_CELLS) ok = sscanf(text, "%d%n", &cells, &end) == 1 && cells <= 1 << 20;
     else if (fact == FACT_EXPOSURE) ok = sscanf(text, "%lf%n", &numbers[0], &end) == 1;
     else ok = sscanf(text, "%lf %lf %lf %lf %lf %lf%n", &numbers[0], &numbers[1], &numbers[2], &numbers[3], &numbers[4],
                      &numbers[5], &end) == 6;
     for (k = 0; k < count && ok; k++)
         ok = fabs(numbers[k]) <= FLT_MAX && (fact == FACT_EXPOSURE || numbers[k] >= 0);
-    return ok && !text[end];
+    return ok && !text[end] && (!cells || cells >= 1024);
 }
 
-/* Gets means, prices and rays per look from the facts. Sets only these fields of the descriptor. */
+/* Gets means, prices, rays per look and cells from the facts. Sets only these fields of the descriptor. */
 static void plan_use(const plan *p, sbl_picture_desc *d) {
     double numbers[8] = { 0, 0, 0, 0, 0, 0, 0, 0 };
     int k;
     sscanf(p->facts[FACT_MEAN].text, "%lf %lf %lf %lf %lf %lf", &numbers[0], &numbers[1], &numbers[2], &numbers[3],
            &numbers[4], &numbers[5]);
     sscanf(p->facts[FACT_PRICE].text, "%lf %lf %d", &numbers[6], &numbers[7], &d->look_rays);
+    sscanf(p->facts[FACT_CELLS].text, "%d", &d->max_bounce_cells);
     for (k = 0; k < 3; k++) d->mean_radiance[k] = (float)numbers[k];
     for (k = 0; k < 3; k++) d->mean_final[k] = (float)numbers[3 + k];
     d->price = (float)numbers[6];
@@ -244,10 +251,12 @@ static void plan_use(const plan *p, sbl_picture_desc *d) {
 
 /* ---- the file of a plan ---- */
 
+#define PLAN__HEADER "sbl plan 2\n"  /* the first line of a plan, with the version of the format */
+
 static int plan_write(FILE *out, const void *what) {
     const plan *p = (const plan *)what;
     int i;
-    fprintf(out, "sbl plan 1\n");
+    fprintf(out, PLAN__HEADER);
     for (i = 0; i < FACT_PART; i++)
         fprintf(out, "%s %s\n", p->facts[i].name, i == FACT_RENDERER ? "" : p->facts[i].text);
     for (i = 0; i < p->count; i++)
@@ -289,16 +298,16 @@ static int plan__refuse(const plan *p, const char *name, char (*made)[PICTURE_FA
                 fact_words[strcmp(made[FACT_SCENE], p->facts[FACT_SCENE].text) == 0 ? FACT_CAMERA : FACT_SCENE]);
 }
 
-/* Reads a plan from a file. p must already have the facts of this run, except for mean, price and exposure, which are
-   read. Returns DONE; or FAILED with a message if the file is not a plan, or a plan of another picture; or -1 if the
-   file does not exist. */
+/* Reads a plan from a file. p must already have the facts of this run, except for those that come from `look`, which
+   are read. Returns DONE; or FAILED with a message if the file is not a plan, or a plan of another picture; or -1 if
+   the file does not exist. */
 static int plan_read(plan *p, const char *name, const int size[2]) {
     static char line[PICTURE_FACT_SIZE + 64], made[FACT_COUNT][PICTURE_FACT_SIZE];
     FILE *in = input_open(name);
     int i, status = DONE, valid = 1, differs = 0;
     if (!in && errno == ENOENT) return -1;
     if (!in) return fail("%s: it cannot be read: %s", name, scene__why());
-    if (!fgets(line, sizeof line, in) || strcmp(line, "sbl plan 1\n"))
+    if (!fgets(line, sizeof line, in) || strcmp(line, PLAN__HEADER))
         status = fail("%s: it is not a plan of parts", name);
     for (i = 0; i < FACT_PART && valid && status == DONE; i++) {
         const size_t length = strlen(fact_names[i]);
@@ -308,7 +317,7 @@ static int plan_read(plan *p, const char *name, const int size[2]) {
         if (!valid) break;
         *end = 0;
         snprintf(made[i], sizeof made[i], "%.*s", (int)sizeof made[i] - 1, value);
-        if (i == FACT_MEAN || i == FACT_PRICE || i == FACT_EXPOSURE) {
+        if (plan__comes_from_look(i)) {
             plan_fact(p, i, "%s", value);
             valid = plan__is_valid(i, value);
         } else if (i != FACT_RENDERER) differs |= strcmp(value, p->facts[i].text) != 0;

@@ -109,7 +109,6 @@ static size_t get_bytes(void *data, size_t bytes, void *user) { return fread(dat
 static struct tool_common {
     const char *scene, *output, *stats, *sky_picture, *store, *input;  /* input: a further input file, or NULL */
     int help_all, mode, preset, backend, rays, max_bounce_cells, sensor_size, tile, filter_radius, seed;
-    int shares_cells;  /* 1: other runs must make the same store, so that its default number of cells must not rise */
     double sky[3], sky_rotation, sky_scale, sky_up[3], light_scale, epsilon, threshold;
     scene_file_options reading;
 } common = { .sky_scale = 1, .sky_up = { 0, 1, 0 } };
@@ -378,7 +377,7 @@ static sbl_scene_desc common_scene(const scene_file *file, const scene_file *sky
         scene.environment.rotation = (float)common.sky_rotation;
         for (i = 0; i < 3; i++) scene.environment.up[i] = (float)common.sky_up[i];
     }
-    scene.max_bounce_cells = !common.max_bounce_cells && common.shares_cells ? -1 : common.max_bounce_cells;
+    scene.max_bounce_cells = common.max_bounce_cells;
     return scene;
 }
 
@@ -510,10 +509,10 @@ static int write_stats(FILE *out, const void *what) {
             s.lightmap.seams, (double)s.lightmap.seam_before,
                 (double)s.lightmap.seam_after);
     fprintf(out, "  \"sensors\": %.0f,\n  \"sensor_views\": %.0f,\n  \"sensor_texels\": %.0f,\n  \"rays\": %.0f,\n  "
-        "\"bounce_samples\": %d,\n  \"bounce_rays\": %.0f,\n"
+        "\"bounce_samples\": %d,\n  \"max_bounce_cells\": %d,\n  \"bounce_rays\": %.0f,\n"
             "  \"levels\": [",
             (double)s.sensors.sites, (double)s.sensors.views, (double)s.sensors.texels, (double)s.sensors.rays,
-                s.store.cells, (double)s.store.rays);
+                s.store.cells, s.store.max_cells, (double)s.store.rays);
     for (i = 0; i < s.picture.level_count; i++)
         fprintf(out, "%s{\"tile\": %d, \"sensors\": %.0f}", i ? ", " : "", s.picture.levels[i].tile,
             (double)s.picture.levels[i].sensors);

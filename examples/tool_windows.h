@@ -21,9 +21,9 @@ typedef struct windows {
     const char *const *channels;  /* names of the components in the files; see image.channels */
     int components;
     /* The functions of the tool, whose first argument is user. `bytes` returns the memory that a window needs. `look`
-       makes a small version of the full result, and sets the mean, the price and the exposure in work.facts and, if
-       cost is not NULL, the cost; it returns the exit status. `use` copies these facts into the descriptor of the
-       windows. `make` makes a window, which `write` writes to an .exr file. */
+       makes a small version of the full result, and sets the mean, the price, the cells and the exposure in work.facts
+       and, if cost is not NULL, the cost; it returns the exit status. `use` copies these facts into the descriptor of
+       the windows. `make` makes a window, which `write` writes to an .exr file. */
     void *user;
     double (*bytes)(const void *user, const int window[4]);
     int (*look)(void *user, plan_cost *cost);
@@ -38,8 +38,8 @@ typedef struct windows {
     int looked;                   /* 1: `look` was called, so the bounced light is known */
 } windows;
 
-/* Finishes the small version that `look` has begun, and sets the facts of its mean and price and, if cost is not NULL,
-   the cost. shrink: reduction factor of the small version */
+/* Finishes the small version that `look` has begun, and sets the facts that come from it, except the exposure, and, if
+   cost is not NULL, the cost. shrink: reduction factor of the small version */
 static sbl_result windows_look(windows *w, double shrink, plan_cost *cost) {
     sbl_context *context = w->task->context;
     sbl_result result = work(context);
@@ -48,7 +48,7 @@ static sbl_result windows_look(windows *w, double shrink, plan_cost *cost) {
     clear_progress(w->bar);
     if (result != SBL_SUCCESS) return result;
     w->looked = 1;
-    plan_mean_and_price(&w->work, &stats, shrink);
+    plan_set(&w->work, &stats, shrink);
     if (!cost) return result;
     result = picture_read(context, stats.picture.width, stats.picture.height, SBL_CHANNEL_WORK, &spent);
     if (result == SBL_SUCCESS && !plan_cost_make(cost, &spent, w->plan_base)) result = SBL_ERROR_OUT_OF_MEMORY;
@@ -170,8 +170,8 @@ static int windows__begin_folder(const windows *w) {
     return windows__write(name, plan_write, &w->work) ? DONE : fail_to_write(name);
 }
 
-/* Decides which region is made and in which windows, and finds the mean, price and exposure of the full result. The
-   facts that do not come from `look` must be set before. Returns the exit status. */
+/* Decides which region is made and in which windows, and finds the facts that come from `look`. The other facts must be
+   set before. Returns the exit status. */
 static int windows_choose(windows *w) {
     int status = DONE, found = 0;
     if (w->part) status = windows__find_part(w);

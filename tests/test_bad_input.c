@@ -935,6 +935,8 @@ TEST(picture_desc) {
     int i;
     BAD_PICTURE(d.start_canary = 0xabc, "start_canary", "abc");
     BAD_PICTURE(d.end_canary = 0xabc, "end_canary", "abc");
+    BAD_PICTURE(d.max_bounce_cells = 1023, "max_bounce_cells", "1023");
+    BAD_PICTURE(d.max_bounce_cells = -2, "max_bounce_cells", "-2");
     BAD_PICTURE(d.width = 0, "width", "0");
     BAD_PICTURE(d.width = -1, "width", "-1");
     BAD_PICTURE(d.width = 16385, "width", "16385");

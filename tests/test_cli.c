@@ -779,7 +779,8 @@ static double json_number(const char *text, const char *key) {
 /* --stats writes every field, and the numbers are consistent. */
 TEST(statistics_have_every_field) {
     static const char *const counts[] = { "triangles", "visible_pixels", "sensors", "sensor_views", "sensor_texels",
-        "rays", "bounce_samples", "bounce_rays", "microseconds_per_sensor", "peak_gpu_bytes", "peak_host_bytes" };
+        "rays", "bounce_samples", "max_bounce_cells", "bounce_rays", "microseconds_per_sensor", "peak_gpu_bytes",
+        "peak_host_bytes" };
     static const char *const seconds[] = { "load", "scene", "surface", "gather", "bounce", "refine", "filter",
         "resolve", "total" };
     char text[8192];
@@ -849,7 +850,8 @@ TEST(light_bounces_by_default) {
     read_text(in_folder("stats.json"), text, sizeof text, &lines);
     CHECK(strstr(text, "\"mode\": \"gi\"") && json_number(text, "bounce") > 0 && json_number(text, "bounce_samples") >
           0 &&
-          json_number(text, "bounce_samples") <= 2000, "statistics: %s", text);
+          json_number(text, "bounce_samples") <= 2000 && (int)json_number(text, "max_bounce_cells") == 2000,
+          "statistics: %s", text);
     TOOL(ROOM, "--mode", "direct", "--channel", "radiance", "-o", "direct.pfm");
     all = read_pfm("all.pfm");
     direct = read_pfm("direct.pfm");

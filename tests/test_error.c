@@ -443,8 +443,8 @@ static float *coarse_picture(const test_scene *s, const sbl_picture_desc *view, 
 TEST(of_coarse_stores) {
     enum { FEW = 2000, MANY = 6000 };
     static const char *const names[] = { "whole", "in slices", "error allowed", "number set", "window", "price",
-        "threshold", "threshold 0", "rays" };
-    enum { WHOLE, SLICES, ALLOWED, SET, WINDOW, PRICE, THRESHOLD, THRESHOLD_0, RAYS, CASES };
+        "threshold", "threshold 0", "rays", "cells kept" };
+    enum { WHOLE, SLICES, ALLOWED, SET, WINDOW, PRICE, THRESHOLD, THRESHOLD_0, RAYS, KEPT, CASES };
     test_scene s = { 0 };
     sbl_picture_desc view = scene_view(32, 24, 40, 0.3f, 0.5f, 0.3f, 0, -1, 0);
     double stored;
@@ -471,6 +471,7 @@ TEST(of_coarse_stores) {
         if (i == THRESHOLD) d.threshold = 0.05f;
         if (i == THRESHOLD_0) d.threshold = -1;
         if (i == RAYS) d.options.rays = 64;
+        if (i == KEPT) d.max_bounce_cells = -1;
         light = coarse_picture(&s, &d, FEW, i == SET ? FEW : MANY, i == SLICES ? 1e-4 : 0);
         stats = sbl_query_stats(context);
         CHECK(light && stats.store.max_cells == (grows ? MANY : FEW), "%s: %d cells at most", names[i],
@@ -488,6 +489,46 @@ TEST(of_coarse_stores) {
               "after \"%s\": %d cells at most", names[i], sbl_query_stats(context).store.max_cells);
     }
     free(expected);
+    scene_free(&s);
+}
+
+/* A picture that sets max_bounce_cells has the light of this number of cells, to the bit, as if the scene had set it.
+   The store is made again only if its number is another. Such a picture does not raise the number. */
+TEST(of_stores_for_windows) {
+    enum { FEW = 1500, MANY = 3000, SIDE = 16, FLOATS = 3 * SIDE * SIDE };
+    static const int numbers[] = { MANY, MANY, 0, -1, FEW, MANY };  /* of pictures, one after the other */
+    static const int expected[] = { MANY, MANY, MANY, MANY, FEW, MANY };
+    test_scene s = { 0 };
+    sbl_picture_desc view = scene_view(SIDE, SIDE, 40, 0.3f, 0.5f, 0.3f, 0, -1, 0);
+    float *few, *many;
+    int i;
+    lit_ceiling(&s);
+    view.options.mode = SBL_MODE_GI;
+    view.options.preset = SBL_PRESET_DRAFT;
+    many = coarse_picture(&s, &view, MANY, 0, 0);
+    few = coarse_picture(&s, &view, FEW, 0, 0);
+    REQUIRE(few && many && memcmp(few, many, FLOATS * sizeof *few) != 0, "both numbers give the same light");
+    for (i = 0; i < (int)(sizeof numbers / sizeof numbers[0]); i++) {
+        float *light;
+        sbl_stats stats;
+        view.max_bounce_cells = numbers[i];
+        REQUIRE(sbl_render_picture(context, &view) == SBL_SUCCESS, "picture %d", i);
+        light = scene_channel(context, &view, SBL_CHANNEL_RADIANCE);
+        stats = sbl_query_stats(context);
+        CHECK(stats.store.max_cells == expected[i] && memcmp(light, expected[i] == FEW ? few : many,
+                                                             FLOATS * sizeof *light) == 0,
+              "picture %d: %d cells at most, or other light", i, stats.store.max_cells);
+        CHECK((stats.store.rays > 0) == (i == 0 || expected[i] != expected[i - 1]), "picture %d: %.0f rays", i,
+              (double)stats.store.rays);
+        free(light);
+    }
+    view.target_error = 0.001f;
+    view.max_bounce_cells = FEW;
+    free(coarse_picture(&s, &view, FEW, MANY, 0));
+    CHECK(sbl_query_stats(context).store.max_cells == FEW, "%d cells at most",
+          sbl_query_stats(context).store.max_cells);
+    free(few);
+    free(many);
     scene_free(&s);
 }
 
@@ -620,6 +661,7 @@ int main(void) {
     RUN(of_few_bounce_samples);
     RUN(of_noise_in_the_store);
     RUN(of_coarse_stores);
+    RUN(of_stores_for_windows);
     RUN(of_coarse_stores_with_guides);
     RUN(of_sensors_beside_the_store);
     RUN(of_pixels_that_cannot_improve);

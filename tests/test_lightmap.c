@@ -1082,6 +1082,7 @@ TEST(every_field_is_checked) {
     d = good; d.options.preset = (sbl_preset)-1; refused(d, "options.preset");
     d = good; d.options.backend = (sbl_backend)77; refused(d, "options.backend");
     d = good; d.target_error = -1; refused(d, "target_error");
+    d = good; d.max_bounce_cells = 1023; refused(d, "max_bounce_cells");
     d = good; d.options.rays = 5000; refused(d, "options.rays");
     d = good; d.options.sensor_size = 1; refused(d, "options.sensor_size");
     d = good; d.tile = 2000; refused(d, "tile");

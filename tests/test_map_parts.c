@@ -100,6 +100,21 @@ TEST(parts_do_not_depend_on_each_other) {
     CHECK(BAKE(MAP, "--part", "1/2", "-o", "b.exr", "--plan", "plan") == 1 && said("3 parts"), "%s", ran.err);
 }
 
+/* The part of a map uses the number of cells of its plan. */
+TEST(plans_set_the_number_of_cells) {
+#define BOUNCED(...) BAKE("room.gltf", "--lightmap", "24", "--preset", "draft", "--quiet", "--max-bounce-cells", \
+                          "1200", "--part", "1/2", "-o", "a.exr", "--plan", "cells", __VA_ARGS__)
+    char text[8192];
+    int lines;
+    if (!has_openexr()) SKIP("built without OpenEXR");
+    CHECK(BOUNCED(FILES) == 0, "%s", ran.err);
+    REQUIRE(replace_in("cells", "\nsbl.cells 1200\n", "\nsbl.cells 1100\n"), "the plan has no number of cells");
+    CHECK(BOUNCED("--stats", "stats.json") == 0, "%s", ran.err);
+    read_text(in_folder("stats.json"), text, sizeof text, &lines);
+    CHECK(strstr(text, "\"max_bounce_cells\": 1100,"), "statistics: %s", text);
+#undef BOUNCED
+}
+
 /* Parts that do not belong together are refused with an error that names the part, and nothing is written. */
 TEST(wrong_parts_are_refused) {
     if (!has_openexr()) SKIP("built without OpenEXR");
@@ -178,7 +193,8 @@ TEST(joining_is_described) {
 /* A damaged plan is refused with an error that names it. An output never replaces a plan. */
 TEST(plans_are_checked) {
     static const char *const facts[][2] = { { "mean", "nan 0 0" }, { "mean", "-1 0 0" }, { "mean", "0 0" },
-        { "mean", "1e999 0 0" }, { "mean", "1 1 1 x" }, { "price", "1 -1 64" }, { "price", "1 1" } };
+        { "mean", "1e999 0 0" }, { "mean", "1 1 1 x" }, { "price", "1 -1 64" }, { "price", "1 1" },
+        { "cells", "1023" }, { "cells", "1048577" }, { "cells", "2000 1" } };
     char text[4096], begin[64], *fact, other[4096];
     size_t i;
     int lines;
@@ -257,6 +273,7 @@ int main(int argc, char **argv) {
     RUN(parts_make_the_map);
     RUN(parts_have_light_groups);
     RUN(parts_do_not_depend_on_each_other);
+    RUN(plans_set_the_number_of_cells);
     RUN(wrong_parts_are_refused);
     RUN(joining_is_described);
     RUN(plans_are_checked);

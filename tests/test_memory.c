@@ -125,6 +125,30 @@ TEST(memory_of_lightmaps_is_predicted) {
     }
 }
 
+/* The need of a picture includes the store only if it must be made, for the number of cells that the picture sets. */
+TEST(stores_count_if_they_are_made) {
+    enum { FEW = 1024, MANY = 4096, PER_CELL = 2600 };
+    sbl_context *context = make_context(0, FEW);
+    sbl_picture_desc view = scene_cornell_view(24, 24);
+    size_t before, after;
+    REQUIRE(context, "%s", watch_last(&seen));
+    view.options.mode = SBL_MODE_GI;
+    before = sbl_picture_bytes(context, &view);
+    view.max_bounce_cells = MANY;
+    CHECK(sbl_picture_bytes(context, &view) == before + (MANY - FEW) * PER_CELL, "%.0f bytes, then %.0f",
+          (double)before, (double)sbl_picture_bytes(context, &view));
+    view.max_bounce_cells = 0;
+    REQUIRE(sbl_render_picture(context, &view) == SBL_SUCCESS, "%s", watch_last(&seen));
+    after = sbl_picture_bytes(context, &view);
+    CHECK(after == before - FEW * PER_CELL, "%.0f bytes, then %.0f", (double)before, (double)after);
+    view.max_bounce_cells = FEW;
+    CHECK(sbl_picture_bytes(context, &view) == after, "a store that is kept counts");
+    view.max_bounce_cells = MANY;
+    CHECK(sbl_picture_bytes(context, &view) == after + MANY * PER_CELL, "%.0f bytes, then %.0f", (double)after,
+          (double)sbl_picture_bytes(context, &view));
+    sbl_destroy(context);
+}
+
 /* A store that is too coarse for the target error is made again only if the budget has room for 2600 bytes per
    additional cell, besides the predicted need of the picture. */
 TEST(stores_grow_within_the_budget) {
@@ -279,6 +303,7 @@ int main(void) {
     RUN_PLAIN(memory_of_pictures_is_predicted);
     RUN_PLAIN(pictures_need_250_bytes_per_pixel);
     RUN(memory_of_lightmaps_is_predicted);
+    RUN(stores_count_if_they_are_made);
     RUN(stores_grow_within_the_budget);
     RUN(the_budget_is_kept);
     RUN(a_used_up_budget_is_an_error);

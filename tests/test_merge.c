@@ -149,6 +149,24 @@ TEST(the_first_plan_counts) {
     CHECK(RENDER(PICTURE, "--part", "1/2", "-o", "a.exr", "--plan", "short") == 1 && said("damaged"), "%s", ran.err);
 }
 
+/* A plan tells the parts how many cells the store of the complete picture has. Parts whose numbers differ are not
+   joined. */
+TEST(parts_share_the_number_of_cells) {
+#define BOUNCED(...) RENDER(PICTURE, "--mode", "gi", "--preset", "draft", "--max-bounce-cells", "1200", __VA_ARGS__)
+    char text[8192];
+    int lines;
+    if (!has_openexr()) SKIP("built without OpenEXR");
+    CHECK(BOUNCED("--part", "1/2", "-o", "p.1.exr", "--plan", "cells") == 0, "%s", ran.err);
+    CHECK(BOUNCED("--part", "2/2", "-o", "p.2.exr", "--plan", "cells") == 0, "%s", ran.err);
+    CHECK(MERGE("p.1.exr", "p.2.exr", "-o", "all.pfm") == 0, "%s", ran.err);
+    REQUIRE(replace_in("cells", "\nsbl.cells 1200\n", "\nsbl.cells 1100\n"), "the plan has no number of cells");
+    CHECK(BOUNCED("--part", "2/2", "-o", "p.2.exr", "--plan", "cells", "--stats", "stats.json") == 0, "%s", ran.err);
+    read_text(in_folder("stats.json"), text, sizeof text, &lines);
+    CHECK(strstr(text, "\"max_bounce_cells\": 1100,"), "statistics: %s", text);
+    CHECK(MERGE("p.1.exr", "p.2.exr", "-o", "all.pfm") == 1 && said("another plan"), "%s", ran.err);
+#undef BOUNCED
+}
+
 /* A plan that cannot be written, and more parts than pixels, are reported before the scene is read. */
 TEST(impossible_plans_are_reported_before_the_work) {
     if (!has_openexr()) SKIP("built without OpenEXR");
@@ -497,6 +515,7 @@ int main(int argc, char **argv) {
     RUN_PLAIN(parts_make_a_png);
     RUN(parts_do_not_depend_on_each_other);
     RUN(the_first_plan_counts);
+    RUN(parts_share_the_number_of_cells);
     RUN(impossible_plans_are_reported_before_the_work);
     RUN_PLAIN(prices_grow_with_the_pixels);
     RUN_PLAIN(plans_know_what_rays_take);

@@ -412,6 +412,15 @@ TEST(a_store_with_few_cells_causes_a_warning) {
         CHECK(watch_said(&seen, SBL_LOG_WARNING, SBL_LOG_ITEM_COARSE_STORE, "2048", "4096", "finer") == coarse,
               "limit %d: %s", limit, watch_last(&seen));
     }
+    for (i = 0; i < 2; i++) {  /* a picture keeps loaded light unless it sets another number */
+        sbl_picture_desc view = scene_view(8, 8, 40, 0, 1, 3, 0, 0.5f, 0);
+        view.options.mode = SBL_MODE_GI;
+        view.max_bounce_cells = i ? 1024 : 2048;
+        CHECK(sbl_render_picture(context, &view) == SBL_SUCCESS &&
+                  (sbl_query_stats(context).store.rays > 0) == i &&
+                  sbl_query_stats(context).store.max_cells == view.max_bounce_cells,
+              "%d cells: %.0f rays", view.max_bounce_cells, (double)sbl_query_stats(context).store.rays);
+    }
     scene_free(&scene);
 }
 

@@ -2303,6 +2303,27 @@ TEST(leaves_have_limits) {
     CHECK(sbl__cells_black_most(&b) == 250, "%d leaves may be black", sbl__cells_black_most(&b));
 }
 
+/* The number of cells that a picture asks for counts if the driver's textures have room for them. Without it, the
+   number for which the present light was made counts, or else that for which light will be made. */
+TEST(pictures_choose_the_number_of_cells) {
+    sbl_picture_desc d;
+    sbl__store store;
+    memset(&d, 0, sizeof d);
+    memset(&store, 0, sizeof store);
+    store.max_leaves = 4000;
+    store.made_for = 3000;
+    store.leaves_fit = 7000;
+    CHECK(sbl__map_leaves(&store, &d) == 4000, "%d leaves", sbl__map_leaves(&store, &d));
+    store.ready = 1;
+    CHECK(sbl__map_leaves(&store, &d) == 3000, "%d leaves", sbl__map_leaves(&store, &d));
+    d.max_bounce_cells = -1;
+    CHECK(sbl__map_leaves(&store, &d) == 3000, "%d leaves", sbl__map_leaves(&store, &d));
+    d.max_bounce_cells = 5000;
+    CHECK(sbl__map_leaves(&store, &d) == 5000, "%d leaves", sbl__map_leaves(&store, &d));
+    d.max_bounce_cells = 9000;
+    CHECK(sbl__map_leaves(&store, &d) == 7000, "%d leaves", sbl__map_leaves(&store, &d));
+}
+
 /* The triangles of a flat mirror are one plane, whose bounds contain both. A matte, a rougher, and a parallel triangle
    do not belong to it. */
 TEST(triangles_of_a_mirror_are_one_plane) {
@@ -3508,6 +3529,7 @@ int main(void) {
     RUN(skies_are_turned);
     RUN(bins_of_worth_are_in_order);
     RUN(leaves_have_limits);
+    RUN(pictures_choose_the_number_of_cells);
     RUN(triangles_of_a_mirror_are_one_plane);
     RUN(groups_of_a_leaf_add_up);
     RUN(batches_are_progress);

@@ -40,7 +40,7 @@ static void picture(sbl_mode mode) {
     PRINT(sensor_kind); PRINT(sensor_fov);
     PRINT(target_error); PRINT(mean_radiance[0]); PRINT(price); PRINT(mean_final[0]); PRINT(specular_price);
     PRINT(tile); PRINT(threshold); PRINT(facet_limit);
-    PRINT(look_rays); PRINT(measure_work);
+    PRINT(look_rays); PRINT(max_bounce_cells); PRINT(measure_work);
     PRINT(filter_radius); PRINT(samples);
     PRINT(exposure); PRINT(auto_exposure); PRINT(backdrop[0]);
 }
@@ -54,8 +54,8 @@ static void lightmap(sbl_mode mode) {
     FILL(lightmap);
     PRINT(width); PRINT(height); PRINT(window[2]);
     PRINT(mesh_count); PRINT(gutter); PRINT(seams); PRINT(directional); PRINT(grouped); PRINT(supersample);
-    PRINT(target_error); PRINT(mean_radiance[0]); PRINT(price); PRINT(look_rays); PRINT(tile); PRINT(threshold);
-    PRINT(facet_limit); PRINT(filter_radius);
+    PRINT(target_error); PRINT(mean_radiance[0]); PRINT(price); PRINT(look_rays); PRINT(max_bounce_cells);
+    PRINT(tile); PRINT(threshold); PRINT(facet_limit); PRINT(filter_radius);
 }
 
 static void vertices(sbl_mode mode) {

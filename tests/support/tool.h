@@ -236,6 +236,20 @@ static inline pid_t start_until(const char *const *arguments, const char *name) 
     return child;
 }
 
+/* Replaces a text of a file in the folder of the test, which has at most 4095 bytes, once. Returns 0 if the file does
+   not contain it. */
+static inline int replace_in(const char *name, const char *from, const char *to) {
+    static char before[4096], after[4096];
+    const char *at;
+    int lines;
+    read_text(in_folder(name), before, sizeof before, &lines);
+    at = strstr(before, from);
+    if (!at) return 0;
+    snprintf(after, sizeof after, "%.*s%s%s", (int)(at - before), before, to, at + strlen(from));
+    write_text(name, after);
+    return 1;
+}
+
 /* Returns the number of finished windows of an output. */
 static inline int finished_windows(const char *output) {
     char name[64];
