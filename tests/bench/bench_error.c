@@ -1,5 +1,5 @@
-/* Compares sbl.h with a path tracer in furnished rooms that are made from seeds, and its predicted error with the true
-   one. Rooms with even seeds are for tuning; rooms with odd seeds are held out for judging.
+/* Compares sbl.h with the true light in furnished rooms that are made from seeds, and its predicted error with the true
+   one. The true R comes from a light tracer where a pixel shows a single plane, elsewhere from a path tracer. Rooms with even seeds are for tuning; rooms with odd seeds are held out for judging.
        build/bench_error                       rooms 0 to 11 at target errors of 0.8, 1.5 and 3 %
        build/bench_error --rooms 3-9,24 --error 0.015
        build/bench_error --rooms 1000-1003     storeys of twelve rooms, of which the picture shows one
@@ -35,7 +35,7 @@
 #include "bench_gloss_truth.h"
 #include "bench_gloss_check.h"
 
-enum { VERSION = 2, GLOSS_VERSION = 2, WIDTH = 128, HEIGHT = 96, PIXELS = WIDTH * HEIGHT, SAMPLES = 1536,
+enum { VERSION = 2, GLOSS_VERSION = 2, WIDTH = 128, HEIGHT = 96, PIXELS = WIDTH * HEIGHT, SAMPLES = 1536, PATHS = 20000000,
        GLOSS_SAMPLES = 512, ROOMS_MOST = 256,
        NOISE_MOST = 4 };  /* largest allowed ratio of the noise of a true picture to the true error of R */
 
@@ -89,36 +89,43 @@ static int read_pfm(const char *name, picture *out) {
 
 /* >>rooms and their true pictures */
 
-/* Reads the true picture from build/truth, or computes it. half: receives the picture from the first half of the
+/* Computes two independent true pictures of a room. spread: 1: by the light tracer */
+static void room_compute(const room *r, unsigned seed, int spread, float *halves[2]) {
+    const int storey = seed >= FURNISHED_STOREY;
+    furnished *fine;
+    truth *t;
+    if (r->shines) {
+        gloss_truth_render(&r->gloss, GLOSS_SAMPLES, halves);
+        return;
+    }
+    fine = (furnished *)calloc(1, sizeof *fine);
+    if (!fine) abort();
+    fine->piece = 0.2;  /* the path tracer needs small triangles to guide its rays */
+    furnished_make(fine, seed, WIDTH, HEIGHT);
+    t = truth_create(&fine->scene, fine->windows, fine->window_count);
+    if (spread) truth_spread(t, &r->made->view, storey ? 8 * PATHS : PATHS, halves);
+    else truth_render(t, r->points, PIXELS, storey ? 8 * SAMPLES : SAMPLES, halves);
+    truth_destroy(t);
+    furnished_free(fine);
+    free(fine);
+}
+
+/* Reads a true picture from build/truth, or computes it. half: receives the picture from the first half of the
    samples */
-static void room_truth(const room *r, unsigned seed, picture *full, picture *half) {
-    const int samples = r->shines ? GLOSS_SAMPLES : seed >= FURNISHED_STOREY ? 8 * SAMPLES : SAMPLES;
-    char name[2][80];
+static void room_truth(const room *r, unsigned seed, int spread, picture *full, picture *half) {
+    char name[2][96];
     picture *other = (picture *)malloc(sizeof *other);
     float *halves[2];
     int i;
     if (!other) abort();
     for (i = 0; i < 2; i++)
-        snprintf(name[i], sizeof name[i], "build/truth/%s%u_%dx%d_v%d%s.pfm", r->shines ? "gloss" : "", seed, WIDTH,
-                 HEIGHT, (int)(r->shines ? GLOSS_VERSION : VERSION), i ? ".half" : "");
+        snprintf(name[i], sizeof name[i], "build/truth/%s%u_%dx%d_v%d%s%s.pfm", r->shines ? "gloss" : "", seed, WIDTH,
+                 HEIGHT, (int)(r->shines ? GLOSS_VERSION : VERSION), spread ? ".spread" : "", i ? ".half" : "");
     if (!read_pfm(name[0], full) || !read_pfm(name[1], half)) {
         fprintf(stderr, "making the true picture of room %u\n", seed);
         halves[0] = half->rgb;
         halves[1] = other->rgb;
-        if (r->shines) gloss_truth_render(&r->gloss, samples, halves);
-        else {
-            /* the same room of smaller triangles, which the path tracer needs to guide its rays */
-            furnished *fine = (furnished *)calloc(1, sizeof *fine);
-            truth *t;
-            if (!fine) abort();
-            fine->piece = 0.2;
-            furnished_make(fine, seed, WIDTH, HEIGHT);
-            t = truth_create(&fine->scene, fine->windows, fine->window_count);
-            truth_render(t, r->points, PIXELS, samples, halves);
-            truth_destroy(t);
-            furnished_free(fine);
-            free(fine);
-        }
+        room_compute(r, seed, spread, halves);
         for (i = 0; i < 3 * PIXELS; i++) full->rgb[i] = 0.5f * (half->rgb[i] + other->rgb[i]);
         mkdir("build", 0777);
         mkdir("build/truth", 0777);
@@ -128,13 +135,47 @@ static void room_truth(const room *r, unsigned seed, picture *full, picture *hal
     free(other);
 }
 
+/* Returns 1 if two neighbours show different surfaces. */
+static int room_corner_between(const room *r, int a, int b) {
+    const ref_point *p = &r->points[a], *q = &r->points[b];
+    return p->mesh != q->mesh || v3_dot(p->face, q->face) < 0.9 ||
+           fabs(v3_dot(p->face, v3_sub(q->position, p->position))) > 1e-3;
+}
+
 /* Returns 1 if two neighbours show different surfaces, or if their light differs by more than noise explains. */
 static int room_edge_between(const room *r, int a, int b, double noise) {
-    const ref_point *p = &r->points[a], *q = &r->points[b];
     const double jump = fabs(r->light[a] - r->light[b]), most = fmax(r->light[a], r->light[b]);
-    if (p->mesh != q->mesh || v3_dot(p->face, q->face) < 0.9) return 1;
-    if (fabs(v3_dot(p->face, v3_sub(q->position, p->position))) > 1e-3) return 1;
-    return jump > 0.2 * most && jump > 5 * noise * most;
+    return room_corner_between(r, a, b) || (jump > 0.2 * most && jump > 5 * noise * most);
+}
+
+/* Returns 1 if the eight pixels around a pixel show the same surface. */
+static int room_is_flat(const room *r, int at) {
+    int i;
+    for (i = 0; i < 9; i++) {
+        const int x = at % WIDTH + i % 3 - 1, y = at / WIDTH + i / 3 - 1;
+        if (x < 0 || y < 0 || x >= WIDTH || y >= HEIGHT || !r->points[y * WIDTH + x].hit ||
+            room_corner_between(r, at, y * WIDTH + x)) return 0;
+    }
+    return 1;
+}
+
+/* Gets the true picture of a room. */
+static void room_light(const room *r, unsigned seed, picture *full, picture *half) {
+    picture *spread[2];
+    int i, k;
+    room_truth(r, seed, 0, full, half);
+    if (r->shines) return;
+    for (i = 0; i < 2; i++) {
+        spread[i] = (picture *)malloc(sizeof *spread[i]);
+        if (!spread[i]) abort();
+    }
+    room_truth(r, seed, 1, spread[0], spread[1]);
+    for (i = 0; i < PIXELS; i++)
+        for (k = 3 * i; k < 3 * i + 3 && r->kind[i] && room_is_flat(r, i); k++) {
+            full->rgb[k] = spread[0]->rgb[k];
+            half->rgb[k] = spread[1]->rgb[k];
+        }
+    for (i = 0; i < 2; i++) free(spread[i]);
 }
 
 static void room_classify(room *r) {
@@ -144,9 +185,10 @@ static void room_classify(room *r) {
     for (i = 0; i < PIXELS; i++) r->kind[i] = r->kind[i] ? SMOOTH : 0;
     for (y = 0; y < HEIGHT; y++)
         for (x = 0; x < WIDTH; x++)
-            for (i = 0; i < 2; i++) {
-                const int a = y * WIDTH + x, b = a + (i ? WIDTH : 1);
-                if (i ? y + 1 == HEIGHT : x + 1 == WIDTH) continue;
+            for (i = 0; i < 4; i++) {
+                static const int steps[4][2] = { { 1, 0 }, { 0, 1 }, { 1, 1 }, { -1, 1 } };
+                const int a = y * WIDTH + x, b = a + steps[i][1] * WIDTH + steps[i][0];
+                if (x + steps[i][0] < 0 || x + steps[i][0] == WIDTH || y + steps[i][1] == HEIGHT) continue;
                 if (r->kind[a] && r->kind[b] && !room_edge_between(r, a, b, sqrt(2 * noise2 / light2))) continue;
                 if (r->kind[a]) r->kind[a] = EDGE;
                 if (r->kind[b]) r->kind[b] = EDGE;
@@ -172,7 +214,7 @@ static room *room_make(unsigned seed, int shines) {
     }
     if (shines) gloss_leave_out(scene, &r->made->view, r->kind);
     ref_destroy(scene);
-    room_truth(r, seed, full, half);
+    room_light(r, seed, full, half);
     for (i = 0; i < PIXELS; i++) {
         r->light[i] = luminance(full->rgb + 3 * i);
         r->noise[i] = luminance(half->rgb + 3 * i) - r->light[i];
@@ -396,7 +438,7 @@ static void summarise(const row *rows, int count, int odd) {
            within, n);
 }
 
-/* >>checks of the path tracer against closed forms */
+/* >>checks of both tracers against closed forms */
 
 static int check(const char *name, const truth *t, v3 p, v3 n, double expected) {
     ref_point point;
@@ -415,6 +457,31 @@ static int check(const char *name, const truth *t, v3 p, v3 n, double expected) 
     return 0;
 }
 
+/* Checks the light tracer: the mean R of a picture that shows the floor from above. corners: of the only light, in a
+   black room; NULL: R is `expected` everywhere */
+static int check_spread(const char *name, const truth *t, const v3 *corners, double expected) {
+    enum { SIDE = 16, PATHS_CHECKED = 500000 };
+    static float first[3 * SIDE * SIDE], second[3 * SIDE * SIDE];
+    float *halves[2] = { first, second };
+    sbl_picture_desc view;
+    double found = 0, wanted = 0;
+    int i;
+    memset(&view, 0, sizeof view);
+    view.width = view.height = SIDE;
+    sbl_look_at(view.world_to_view, 1.2f, 1, 0.9f, 1.2f, 0, 0.9f, 0, 0, 1);
+    sbl_perspective(view.view_to_clip, 60, 1);
+    truth_spread(t, &view, PATHS_CHECKED, halves);
+    for (i = 0; i < SIDE * SIDE; i++) {
+        const ref_point p = ref_pixel(t->scene, &view, i % SIDE, i / SIDE);
+        found += 0.5 * ((double)first[3 * i + 1] + (double)second[3 * i + 1]);
+        wanted += corners ? 2 * ref_polygon(p.position, p.face, corners, 4) : expected;
+    }
+    if (fabs(found / wanted - 1) < 0.015) return 1;
+    fprintf(stderr, "bench_error: the light tracer is wrong: %s: %g instead of %g\n", name, found / SIDE / SIDE,
+            wanted / SIDE / SIDE);
+    return 0;
+}
+
 /* Checks a room of 2 x 2 x 2 m with an opening in the wall x = 0, with a lamp 30 cm in front of it, or without
    either. */
 static int check_room(int opening, int lamp, double albedo, double glow, double expected) {
@@ -423,6 +490,7 @@ static int check_room(int opening, int lamp, double albedo, double glow, double 
     const double rgb[3] = { albedo, albedo, albedo }, low[2] = { 0.6, 0.7 }, high[2] = { 1.5, 1.5 };
     const double corner[2] = { 0, 0 }, opposite[2] = { 2, 2 };
     const v3 p = v3_of(1.2, 0, 0.9), n = v3_of(0, 1, 0);
+    const char *const name = lamp ? "lamp" : opening ? "window" : "furnace";
     v3 corners[4];
     truth *t;
     int k, ok;
@@ -451,7 +519,7 @@ static int check_room(int opening, int lamp, double albedo, double glow, double 
     if (lamp || opening) expected = 2 * ref_polygon(p, n, corners, 4);
     furnished_finish(f);
     t = truth_create(&f->scene, f->windows, f->window_count);
-    ok = check(lamp ? "lamp" : opening ? "window" : "furnace", t, p, n, expected);
+    ok = check(name, t, p, n, expected) & check_spread(name, t, lamp || opening ? corners : NULL, expected);
     truth_destroy(t);
     furnished_free(f);
     free(f);

@@ -1,8 +1,10 @@
-/* A path tracer for benches, which measures R without bias at the surfaces that a camera shows. Embree 3 casts the rays
-   if scripts/Makefile defines BENCH_EMBREE, otherwise reference.h does. It shares no code with sbl.h. Include after
-   sbl.h and bench_furnished.h.
+/* Two programs for benches that measure R without bias at the surfaces that a camera shows: a path tracer, which follows
+   light from these surfaces back to the lamps, and a light tracer, which follows it from the lamps. The light tracer has
+   less noise, most of all if lamps are hidden. Embree 3 casts the rays if scripts/Makefile defines BENCH_EMBREE,
+   otherwise reference.h does. They share no code with sbl.h. Include after sbl.h and bench_furnished.h.
        truth *t = truth_create(&scene, windows, window_count);
-       truth_render(t, points, count, samples, half_a, half_b);   two independent pictures, one per thread
+       truth_render(t, points, count, samples, halves);   two independent pictures, one per thread
+       truth_spread(t, &view, paths, halves);             the same by the light tracer
        truth_destroy(t); */
 #ifndef BENCH_TRUTH_H
 #define BENCH_TRUTH_H
@@ -360,6 +362,129 @@ static void truth_render(const truth *t, const ref_point *points, int count, int
         if (pthread_create(&jobs[i].thread, NULL, truth_run, &jobs[i]) != 0) abort();
     }
     for (i = 0; i < 2; i++) pthread_join(jobs[i].thread, NULL);
+}
+
+/* >>pictures by the light tracer */
+
+/* The camera of a picture: its position, and the factors of view_to_clip. */
+typedef struct truth_camera { const sbl_picture_desc *view; v3 eye; double scale[2], shift[2]; } truth_camera;
+
+typedef struct truth_spread_job {
+    const truth *t;
+    const truth_camera *camera;
+    double paths, *sums;   /* sums: 3 per pixel */
+    uint64_t random;
+    pthread_t thread;
+} truth_spread_job;
+
+static truth_camera truth_camera_of(const sbl_picture_desc *view) {
+    const float *m = view->world_to_view, *c = view->view_to_clip;
+    truth_camera camera;
+    double eye[3];
+    int k;
+    for (k = 0; k < 3; k++)  /* the inverse of a rotation is its transpose */
+        eye[k] = -((double)m[4 * k] * (double)m[12] + (double)m[4 * k + 1] * (double)m[13] +
+                   (double)m[4 * k + 2] * (double)m[14]);
+    camera.view = view;
+    camera.eye = v3_of(eye[0], eye[1], eye[2]);
+    for (k = 0; k < 2; k++) {
+        camera.scale[k] = (double)c[5 * k];
+        camera.shift[k] = (double)c[8 + k];
+    }
+    return camera;
+}
+
+/* Chooses a point of a lamp and the side on which a path begins. power: receives what the lamps radiate, divided by the
+   probability of this choice. Windows radiate only to the side of the camera. */
+static v3 truth_emit(const truth *t, v3 eye, uint64_t *random, v3 *normal, double power[3]) {
+    double left = ref_random(random), a = ref_random(random), b = ref_random(random);
+    const truth_lamp *l = t->lamps, *last = l + t->lamp_count - 1;
+    v3 p;
+    int k, turned;
+    while (l < last && left > l->chance) left -= l++->chance;
+    if (l->triangle >= 0 && a + b > 1) { a = 1 - a; b = 1 - b; }
+    p = v3_mad(v3_mad(l->corner, l->u, a), l->v, b);
+    turned = l->triangle >= 0 ? ref_random(random) < 0.5 : v3_dot(l->normal, v3_sub(eye, p)) < 0;
+    *normal = v3_scale(l->normal, turned ? -1 : 1);
+    for (k = 0; k < 3; k++) power[k] = l->light[k] * l->area * REF_PI * (l->triangle >= 0 ? 2 : 1) / l->chance;
+    return p;
+}
+
+/* Adds light that arrives at a surface to the pixel that shows this point, if the camera sees it. n: normal on the side
+   where the light arrives. power: what arrives. R of the pixel grows by power / pi, divided by the area that the pixel
+   shows. */
+static void truth_show(const truth *t, const truth_camera *c, v3 p, v3 n, const double power[3], double *sums) {
+    const float *m = c->view->world_to_view;
+    const int size[2] = { c->view->width, c->view->height };
+    v3 to = v3_sub(c->eye, p);
+    double distance = v3_length(to), at[3], pixels;
+    int k, pixel[2];
+    to = v3_scale(to, 1 / distance);
+    if (v3_dot(to, n) <= 0) return;
+    for (k = 0; k < 3; k++)
+        at[k] = (double)m[k] * p.x + (double)m[4 + k] * p.y + (double)m[8 + k] * p.z + (double)m[12 + k];
+    if (at[2] >= 0) return;
+    for (k = 0; k < 2; k++) {
+        const double clip = (c->scale[k] * at[k] + c->shift[k] * at[2]) / -at[2];
+        if (fabs(clip) >= 1) return;
+        pixel[k] = (int)((k ? 1 - clip : 1 + clip) / 2 * size[k]);
+        if (pixel[k] >= size[k]) return;
+    }
+    if (truth_blocked(t, v3_mad(p, n, TRUTH_OFFSET), to, distance - TRUTH_OFFSET)) return;
+    pixels = c->scale[0] * c->scale[1] * size[0] * size[1] / 4 * v3_dot(to, n) * distance / pow(-at[2], 3);
+    for (k = 0; k < 3; k++) sums[3 * (pixel[1] * size[0] + pixel[0]) + k] += power[k] / REF_PI * pixels;
+}
+
+/* Follows a path from a lamp until it leaves the scene or is absorbed. */
+static void truth_follow(const truth *t, const truth_camera *c, uint64_t *random, double *sums) {
+    double power[3], survive, u[4] = { 0, 0, 0, 0 };
+    v3 n, p = truth_emit(t, c->eye, random, &n, power);
+    int bounce, k, target;
+    for (bounce = 0; bounce < TRUTH_BOUNCES; bounce++) {
+        ref_point at;
+        ref_hit hit;
+        v3 d;
+        for (k = 0; k < 2; k++) u[k] = ref_random(random);
+        d = truth_direction(t, 0, p, n, u, &target);
+        hit = truth_trace(t, v3_mad(p, n, TRUTH_OFFSET), d);
+        if (hit.triangle < 0) return;
+        at = ref_surface(t->scene, hit, d);
+        p = at.position;
+        n = at.face;
+        truth_show(t, c, p, n, power, sums);
+        for (k = 0, survive = 0; k < 3; k++) survive = fmax(survive, at.albedo[k]);
+        if (ref_random(random) >= survive) return;
+        for (k = 0; k < 3; k++) power[k] *= at.albedo[k] / survive;
+    }
+}
+
+static void *truth_spread_run(void *user) {
+    truth_spread_job *job = (truth_spread_job *)user;
+    double i;
+    for (i = 0; i < job->paths; i++) truth_follow(job->t, job->camera, &job->random, job->sums);
+    return NULL;
+}
+
+/* Computes two independent pictures of R with `paths` paths each, on two threads. A pixel is the mean over the area that
+   it shows, which is R at its centre only if it shows a single plane. */
+static void truth_spread(const truth *t, const sbl_picture_desc *view, double paths, float *halves[2]) {
+    const truth_camera camera = truth_camera_of(view);
+    const int floats = 3 * view->width * view->height;
+    truth_spread_job jobs[2];
+    int i, k;
+    for (i = 0; i < 2; i++) {
+        jobs[i].t = t;
+        jobs[i].camera = &camera;
+        jobs[i].paths = t->lamp_count ? paths : 0;
+        jobs[i].random = (uint64_t)(i + 1) << 50;
+        jobs[i].sums = (double *)calloc((size_t)floats, sizeof(double));
+        if (!jobs[i].sums || pthread_create(&jobs[i].thread, NULL, truth_spread_run, &jobs[i]) != 0) abort();
+    }
+    for (i = 0; i < 2; i++) {
+        pthread_join(jobs[i].thread, NULL);
+        for (k = 0; k < floats; k++) halves[i][k] = (float)(jobs[i].sums[k] / paths);
+        free(jobs[i].sums);
+    }
 }
 
 #endif
