@@ -74,6 +74,56 @@ resizes() {
     xdo windowsize "$window" 96 64 && finished 3 && xdo key s && said "$folder/out" saved 2 && shot resized &&
         screen same "$folder/resized.ppm" "$folder/saved.png"
 }
+# titled TEXT: waits until the title of the window contains TEXT, for at most 20 s
+titled() {
+    tries=0
+    until xdo getwindowname "$window" | grep -qF -- "$1"; do
+        tries=$((tries + 1))
+        [ $tries -lt 200 ] && kill -0 "$viewer" 2> /dev/null || { xdo getwindowname "$window"; return 1; }
+        sleep 0.1
+    done
+}
+# camera NAME: saves the camera, as the viewer prints it
+camera() {
+    cameras=$(grep -c '^--eye' "$folder/out")
+    xdo key c && said "$folder/out" '^--eye' $((cameras + 1)) && grep '^--eye' "$folder/out" | tail -n 1 \
+        > "$folder/$1.camera"
+}
+# holds KEY NAME: holds a key until the camera has moved, and saves the camera. It has moved from that of `before`
+holds() {
+    camera before && xdo keydown "$1" && tries=0
+    until camera "$2" && ! diff -q "$folder/before.camera" "$folder/$2.camera" > /dev/null; do
+        tries=$((tries + 1))
+        [ $tries -lt 100 ] || break
+    done
+    xdo keyup "$1"
+}
+# drags BUTTON NAME: drags by 40 pixels to the right from the middle of the window, and saves the camera
+drags() {
+    xdo mousemove 48 32 mousedown "$1" mousemove_relative 20 0 mousemove_relative 20 0 mouseup "$1" && camera "$2"
+}
+# What the mouse and the keys do to the camera has closed forms. The window has 96 x 64 pixels.
+keys_and_mouse_move_the_camera() {
+    xdo mousemove 48 32 && camera start && xdo click 4 && camera wheel && xdo key Home && camera home &&
+        grep -qF -- "$(cut -d ' ' -f 1-8 "$folder/home.camera")" "$folder/err" && drags 3 look && drags 1 orbit &&
+        drags 2 shift && holds Up ahead && cp "$folder/before.camera" "$folder/1.camera" && holds Right right &&
+        cp "$folder/before.camera" "$folder/2.camera" && holds Prior up && cp "$folder/before.camera" \
+        "$folder/3.camera" && python3 tests/support/cameras.py "$folder" 96 64
+}
+# A click in a preview, which has fewer pixels than the window, inspects the pixel of the picture below the mouse.
+click_in_a_preview() {
+    xdo mousemove 80 48 key r sleep 0.1 click 1 && said "$folder/out" '^pixel 80,48: ' 1
+}
+keys_change_the_title() {
+    xdo key x && titled ' (auto), neutral, final' && xdo key t && titled ', agx, final' && xdo key t &&
+        titled ', none, final' && xdo key t && titled ', neutral, final' && xdo key bracketleft &&
+        titled ', neutral, specular_albedo' && xdo key bracketright && titled ', neutral, final' && xdo key 0 &&
+        titled ', neutral, error' && xdo key 6 && titled ', neutral, depth' && xdo key 1 &&
+        titled ', neutral, final' && stops=$(exposure) && xdo key plus && titled "$(stops_more 0.25)," &&
+        xdo key minus minus && titled "$(stops_more -0.25)," && xdo key x && titled ' (auto), '
+}
+exposure() { xdo getwindowname "$window" | sed 's/.*exposure \([-+0-9.]*\).*/\1/'; }
+stops_more() { awk -v stops="$stops" -v more="$1" 'BEGIN { printf "exposure %+.2f\n", stops + more }'; }
 light_moves() {
     width=128 height=96
     opens $lamps && finished 1 && shot lamps && xdo key l && sleep 0.3 && xdo key Right key Right key Right &&
@@ -150,6 +200,9 @@ else
     check channel_changes_by_key channel_changes_by_key
     check orbit_changes_it orbit_changes_it
     check resizes resizes
+    check keys_and_mouse_move_the_camera keys_and_mouse_move_the_camera
+    check click_in_a_preview click_in_a_preview
+    check keys_change_the_title keys_change_the_title
     check escape_ends ends
     check light_moves light_moves
     check light_is_dragged light_is_dragged
