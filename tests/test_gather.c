@@ -593,6 +593,37 @@ TEST(memory_runs_out) {
     scene_free(&s);
 }
 
+/* A host measures at the sites of inspected sensors, although its positions far from the origin are rounded to the
+   thousandth part of a unit: on a slope under the sky, all of these readings are valid and have R = 1. */
+TEST(sites_far_away_can_be_measured) {
+    enum { ACROSS = 6, DOWN = 4, COUNT = ACROSS * DOWN };
+    static const float far_away = 20000;
+    const sbl_picture_desc view = scene_plain(scene_view(ACROSS, DOWN, 30, far_away - 1.5f, 3, 0, far_away, 0, 0),
+                                              SBL_MODE_DIRECT, 16);
+    sbl_site sites[COUNT];
+    sbl_reading readings[COUNT];
+    const sbl_readings_desc desc = scene_readings(sites, readings, COUNT, SBL_MODE_DIRECT);
+    test_scene s = { 0 };
+    sbl_scene_desc scene;
+    int i, good = 0;
+    scene_quad(&s, scene_material(&s, 0.5f, 0.5f, 0.5f), far_away - 2, -1, -2, far_away - 2, -1.3f, 2, far_away + 2, 1,
+               2, far_away + 2, 1.3f, -2);
+    scene_sky(&s, 1, 1, 1);
+    scene = scene_desc(&s);
+    REQUIRE((context || use_scene(&s)) && sbl_set_scene(context, &scene) == SBL_SUCCESS &&
+            sbl_render_picture(context, &view) == SBL_SUCCESS, "%s", watch_last(&seen));
+    for (i = 0; i < COUNT; i++) {
+        sbl_sensor sensor;
+        REQUIRE(sbl_inspect_sensor(context, i % ACROSS, i / ACROSS, &sensor, NULL, NULL, 0) == SBL_SUCCESS, "%s",
+                watch_last(&seen));
+        sites[i] = sensor.site;
+    }
+    REQUIRE(sbl_gather_readings(context, &desc) == SBL_SUCCESS, "%s", watch_last(&seen));
+    for (i = 0; i < COUNT; i++) good += readings[i].valid && fabs((double)readings[i].radiance[1] - 1) < 1e-3;
+    CHECK(good == COUNT, "%d of %d readings are right", good, COUNT);
+    scene_free(&s);
+}
+
 /* >>surveys */
 
 /* Adds sides of a box around the origin that face inwards, or outwards if sign is -1. sides: bit i is side i, in the
@@ -719,6 +750,7 @@ int main(void) {
     RUN(dropped_work_is_not_done);
     RUN(inspection_in_between);
     RUN_PLAIN(a_million_points);
+    RUN(sites_far_away_can_be_measured);
     RUN(surveys_find_the_open_side);
     RUN(surveys_look_along_a_room);
     RUN(surveys_enter_what_is_lit_inside);
