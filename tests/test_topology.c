@@ -3433,6 +3433,21 @@ TEST(meshes_have_their_own_hinges) {
     sbl__hash_table_free(&core.base, &s.ends);
 }
 
+/* Stored light belongs to the place of its scene: scenes that are equal, but far from each other, differ in their
+   meshes. */
+TEST(stored_light_belongs_to_a_place) {
+    static sbl__scene scene;
+    uint64_t here[SBL__SAVED_HASHES], there[SBL__SAVED_HASHES];
+    int i;
+    memset(&scene, 0, sizeof scene);
+    sbl__saved_scene(&scene, here);
+    scene.geometry.centre[2] = 4096;
+    sbl__saved_scene(&scene, there);
+    for (i = 0; i < SBL__SAVED_HASHES; i++)
+        CHECK((here[i] != there[i]) == (i == SBL__SAVED_MESHES), "hash %d: %llx and %llx", i,
+              (unsigned long long)here[i], (unsigned long long)there[i]);
+}
+
 int main(void) {
     base.allocator.alloc = take;
     base.allocator.free = give;
@@ -3546,5 +3561,6 @@ int main(void) {
     RUN(uneven_light_has_a_score);
     RUN(narrow_triangles_are_marked);
     RUN(meshes_have_their_own_hinges);
+    RUN(stored_light_belongs_to_a_place);
     return test_report();
 }
