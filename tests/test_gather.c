@@ -232,6 +232,29 @@ TEST(lamps_and_noise) {
     scene_free(&s);
 }
 
+/* A lamp shines through another lamp at the same place that is cut out everywhere, in whatever order they are given. */
+TEST(lamps_shine_through_holes_in_others) {
+    static const unsigned char clear[4] = { 255, 255, 255, 0 };
+    const double form = 4 / sqrt(17.0) * atan(0.5 / sqrt(4.25)) / SCENE_PI;  /* as above */
+    int way, i;
+    for (way = 0; way < 2; way++) {
+        test_scene s = { 0 };
+        const int lamps[2] = { scene_lamp(&s, 3, 3, 3), scene_lamp(&s, 7, 7, 7) };
+        sbl_scene_desc desc;
+        sbl_reading r;
+        s.materials[lamps[1]].albedo_texture = scene_texture(&s, clear, sizeof clear, SBL_PIXELS_SRGB8, 1, 1, 4);
+        s.materials[lamps[1]].alpha_cutoff = 0.5f;
+        for (i = 0; i < 2; i++)
+            scene_quad(&s, lamps[i ^ way], -0.5f, 2, -0.5f, 0.5f, 2, -0.5f, 0.5f, 2, 0.5f, -0.5f, 2, 0.5f);
+        desc = scene_desc(&s);
+        REQUIRE((context || use_scene(&s)) && sbl_set_scene(context, &desc) == SBL_SUCCESS, "no scene");
+        r = reading_at(site_of(0, 0, 0, 0, 1, 0), 2048);
+        CHECK(fabs((double)r.radiance[0] / (3 * form) - 1) < 0.01, "the lamp comes %s: R is %.7g, expected %.7g",
+              way ? "last" : "first", (double)r.radiance[0], 3 * form);
+        scene_free(&s);
+    }
+}
+
 /* >>sites */
 
 /* The length of the normal of a site does not change the reading. */
@@ -743,6 +766,7 @@ int main(void) {
     RUN(suns_in_clusters);
     RUN(distances_to_a_disc);
     RUN(lamps_and_noise);
+    RUN(lamps_shine_through_holes_in_others);
     RUN(normals_of_any_length);
     RUN(offsets_and_validity);
     RUN(in_the_planes_of_walls);
