@@ -9,13 +9,13 @@ static double view_reach(void) { return survey__radius(&view.seen) > 0 ? survey_
 
 static int is_held(int key) { return glfwGetKey(view.window, key) == GLFW_PRESS; }
 
-/* Finds the pixel of the picture at a point of the window. */
-static void pixel_at(const double mouse[2], int out[2]) {
+/* Finds the pixel at a point of the window. size: of the picture that the window shows */
+static void pixel_at(const double mouse[2], const int size[2], int out[2]) {
     int window[2], k;
     glfwGetWindowSize(view.window, &window[0], &window[1]);
     for (k = 0; k < 2; k++) {
-        out[k] = window[k] > 0 ? (int)floor(mouse[k] * view.work_size[k] / window[k]) : 0;
-        out[k] = out[k] < 0 ? 0 : out[k] >= view.work_size[k] ? view.work_size[k] - 1 : out[k];
+        out[k] = window[k] > 0 ? (int)floor(mouse[k] * size[k] / window[k]) : 0;
+        out[k] = out[k] < 0 ? 0 : out[k] >= size[k] ? size[k] - 1 : out[k];
     }
 }
 
@@ -82,7 +82,7 @@ static void find_pivot(const double mouse[2]) {
     depth = view_depth(&view.camera, center);
     if (!(depth > 0)) depth = view_reach();
     for (k = 0; k < 3; k++) view.pivot[k] = view.camera.eye[k] + depth * a.forward[k];
-    pixel_at(mouse, pixel);
+    pixel_at(mouse, view.work_size, pixel);
     if (places && !view.dirty && view.stage != NOTHING &&
         sbl_read_channel(view.context, SBL_CHANNEL_POSITION, places, 3 * pixels) == SBL_SUCCESS) {
         const float *p = places + 3 * ((size_t)pixel[1] * (size_t)view.work_size[0] + (size_t)pixel[0]);
@@ -108,9 +108,7 @@ static void on_button(GLFWwindow *window, int button, int action, int modifiers)
     view.button = -1;
     if (button != GLFW_MOUSE_BUTTON_LEFT || view.dragged || view.on_light) return;
     view.clicked = 1;
-    pixel_at(view.mouse, view.click);
-    if (view.stage == PICTURE) return;
-    for (button = 0; button < 2; button++) view.click[button] *= VIEW_SHRINK;  /* from preview to picture */
+    pixel_at(view.mouse, view.size, view.click);  /* only the final picture is inspected, even if a preview is shown */
 }
 
 /* Handles a drag. x, y: how far the mouse has moved */

@@ -94,8 +94,9 @@ static void overlay_lights(const sbl_scene_desc *scene, double far_away) {
     for (k = 0; k < 3; k++) from[k] = (double)overlay.sensor.position[k];
     for (i = 0; i < overlay.sensor.lamp_count; i++) {
         const sbl_sensor_lamp *lamp = &overlay.sensor.lamps[i];
-        const sbl_light *light = &scene->lights[lamp->number];
+        const sbl_light *light;
         if (lamp->kind != SBL_LAMP_LIGHT || lamp->number >= scene->light_count) continue;
+        light = &scene->lights[lamp->number];
         if (light->kind == SBL_LIGHT_DIRECTIONAL) {
             for (k = 0; k < 3; k++) to[k] = (double)light->direction[k];
             view_unit(to);

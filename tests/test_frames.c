@@ -354,6 +354,7 @@ TEST(interrupted_sequences_go_on) {
 
 static float last_key = 1;  /* in seconds */
 static const char *later = "";  /* further animations, which the camera does not follow */
+static const char *scaled = "";  /* scale of the node */
 
 /* Writes scene.gltf and scene.bin: an emitting floor, and a camera below a node. An animation changes the `path` of the
    node from one value at 0 s to another at last_key. count: numbers per value, times 3 for CUBICSPLINE */
@@ -372,7 +373,7 @@ static void animated(const char *path, const char *interpolation, int count, con
     write_file("scene.bin", bytes, (size_t)(80 + 2 * value));
     snprintf(text, sizeof text,
         "{'asset': {'version': '2.0'}, 'scene': 0, 'scenes': [{'nodes': [0, 1]}], 'nodes': [{'mesh': 0, 'name': 'same'"
-        "}, {'name': 'same', 'children': [2]}, {'name': 'same', 'camera': 0, 'translation': [0, 1, 3]}],"
+        "}, {'name': 'same', 'children': [2]%s}, {'name': 'same', 'camera': 0, 'translation': [0, 1, 3]}],"
         "'cameras': [{'type': 'perspective', 'perspective': {'yfov': 0.7, 'znear': 0.1}}],"
         "'meshes': [{'primitives': [{'attributes': {'POSITION': 0}, 'indices': 1, 'material': 0}]}],"
         "'materials': [{'emissiveFactor': [1, 1, 1]}], 'accessors': ["
@@ -384,7 +385,7 @@ static void animated(const char *path, const char *interpolation, int count, con
         "{'buffer': 0, 'byteOffset': 72, 'byteLength': 8}, {'buffer': 0, 'byteOffset': 80, 'byteLength': %d}],"
         "'buffers': [{'byteLength': %d, 'uri': 'scene.bin'}], 'animations': [{'channels': [{'sampler': 0, 'target':"
         "{'node': 1, 'path': '%s'}}], 'samplers': [{'input': 2, 'output': 3, 'interpolation': '%s'}]}%s]}",
-        (double)last_key, count > 4 ? 6 : 2, count > 4 ? count / 3 : count, 2 * value, 80 + 2 * value, path,
+        scaled, (double)last_key, count > 4 ? 6 : 2, count > 4 ? count / 3 : count, 2 * value, 80 + 2 * value, path,
         interpolation, later);
     write_json("scene.gltf", text);
 }
@@ -446,9 +447,11 @@ TEST(an_animated_camera_moves) {
     last_key = 1;
 }
 
-/* A rotating node carries the camera below it along the shorter arc, at a constant rate. */
+/* A rotating node carries the camera below it along the shorter arc, at a constant rate. A node scales first, and then
+   rotates. */
 TEST(an_animated_camera_turns) {
     static const float zero[4] = { 0, 0, 0, 1 }, turned[4] = { 0, -0.70710678f, 0, -0.70710678f };  /* 90 degrees */
+    static const float tilted[4] = { 0, 0, 0.25881905f, 0.96592583f };  /* 30 degrees */
     if (!has_cjson()) SKIP("built without cJSON");
     animated("rotation", "LINEAR", 4, zero, turned);
     CHECK(TOOL(MOVING, "--frames", "9-25", "-o", "m%d.pfm") == 0, "status %d: %s", ran.status, ran.err);
@@ -460,6 +463,13 @@ TEST(an_animated_camera_turns) {
           TOOL(MOVING, "--eye", "3,1,0", "--look-at", "0,0,0", "-o", "o.pfm") == 0 &&
           fabs(difference("o.pfm", "n25.pfm")) < 1e-3, "--look-at is off by %g: %s", difference("o.pfm", "n25.pfm"),
           ran.err);
+    scaled = ", 'scale': [3, 2, 0.5]";
+    animated("rotation", "LINEAR", 4, zero, tilted);
+    scaled = "";
+    CHECK(TOOL(MOVING, "--frames", "25", "-o", "n%d.pfm") == 0 &&
+          TOOL(MOVING, "--eye", "-1,1.7320508,1.5", "--look-at", "-1,1.7320508,0", "--up", "-0.5,0.8660254,0", "-o",
+               "o.pfm") == 0 && fabs(difference("o.pfm", "n25.pfm")) < 1e-3, "a node with a scale is off by %g: %s",
+          difference("o.pfm", "n25.pfm"), ran.err);
 }
 
 /* Unsupported animations are refused. */

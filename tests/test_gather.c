@@ -1,9 +1,18 @@
 /* Tests sbl_gather_readings. At the site of a pixel, the reading equals the light of the pixel to the bit, because
-   pictures use the same measurement. At other sites, readings are compared with closed forms. */
+   pictures use the same measurement. At other sites, readings are compared with closed forms. Also tests what tools
+   conclude from readings (tool_survey.h). */
 #include "../sbl.h"
 #include "support/test.h"
 #include "support/scenes.h"
 #include "support/gl_watch.h"
+
+static sbl_result work(sbl_context *c) {
+    sbl_result result = SBL_UNFINISHED;
+    while (result == SBL_UNFINISHED) result = sbl_step(c, 0);
+    return result;
+}
+
+#include "../examples/tool_survey.h"
 #include "support/one_context.h"
 
 static sbl_site site_of(float x, float y, float z, float nx, float ny, float nz) {
@@ -221,6 +230,29 @@ TEST(lamps_and_noise) {
     CHECK(r.noise > 1e-5f && fabs(r.radiance[0] - 1.5 * form) < 5 * r.noise, "off by %g, noise %g",
           fabs(r.radiance[0] - 1.5 * form), (double)r.noise);
     scene_free(&s);
+}
+
+/* A lamp shines through another lamp at the same place that is cut out everywhere, in whatever order they are given. */
+TEST(lamps_shine_through_holes_in_others) {
+    static const unsigned char clear[4] = { 255, 255, 255, 0 };
+    const double form = 4 / sqrt(17.0) * atan(0.5 / sqrt(4.25)) / SCENE_PI;  /* as above */
+    int way, i;
+    for (way = 0; way < 2; way++) {
+        test_scene s = { 0 };
+        const int lamps[2] = { scene_lamp(&s, 3, 3, 3), scene_lamp(&s, 7, 7, 7) };
+        sbl_scene_desc desc;
+        sbl_reading r;
+        s.materials[lamps[1]].albedo_texture = scene_texture(&s, clear, sizeof clear, SBL_PIXELS_SRGB8, 1, 1, 4);
+        s.materials[lamps[1]].alpha_cutoff = 0.5f;
+        for (i = 0; i < 2; i++)
+            scene_quad(&s, lamps[i ^ way], -0.5f, 2, -0.5f, 0.5f, 2, -0.5f, 0.5f, 2, 0.5f, -0.5f, 2, 0.5f);
+        desc = scene_desc(&s);
+        REQUIRE((context || use_scene(&s)) && sbl_set_scene(context, &desc) == SBL_SUCCESS, "no scene");
+        r = reading_at(site_of(0, 0, 0, 0, 1, 0), 2048);
+        CHECK(fabs((double)r.radiance[0] / (3 * form) - 1) < 0.01, "the lamp comes %s: R is %.7g, expected %.7g",
+              way ? "last" : "first", (double)r.radiance[0], 3 * form);
+        scene_free(&s);
+    }
 }
 
 /* >>sites */
@@ -584,12 +616,157 @@ TEST(memory_runs_out) {
     scene_free(&s);
 }
 
+/* A host measures at the sites of inspected sensors, although its positions far from the origin are rounded to the
+   thousandth part of a unit: on a slope under the sky, all of these readings are valid and have R = 1. */
+TEST(sites_far_away_can_be_measured) {
+    enum { ACROSS = 6, DOWN = 4, COUNT = ACROSS * DOWN };
+    static const float far_away = 20000;
+    const sbl_picture_desc view = scene_plain(scene_view(ACROSS, DOWN, 30, far_away - 1.5f, 3, 0, far_away, 0, 0),
+                                              SBL_MODE_DIRECT, 16);
+    sbl_site sites[COUNT];
+    sbl_reading readings[COUNT];
+    const sbl_readings_desc desc = scene_readings(sites, readings, COUNT, SBL_MODE_DIRECT);
+    test_scene s = { 0 };
+    sbl_scene_desc scene;
+    int i, good = 0;
+    scene_quad(&s, scene_material(&s, 0.5f, 0.5f, 0.5f), far_away - 2, -1, -2, far_away - 2, -1.3f, 2, far_away + 2, 1,
+               2, far_away + 2, 1.3f, -2);
+    scene_sky(&s, 1, 1, 1);
+    scene = scene_desc(&s);
+    REQUIRE((context || use_scene(&s)) && sbl_set_scene(context, &scene) == SBL_SUCCESS &&
+            sbl_render_picture(context, &view) == SBL_SUCCESS, "%s", watch_last(&seen));
+    for (i = 0; i < COUNT; i++) {
+        sbl_sensor sensor;
+        REQUIRE(sbl_inspect_sensor(context, i % ACROSS, i / ACROSS, &sensor, NULL, NULL, 0) == SBL_SUCCESS, "%s",
+                watch_last(&seen));
+        sites[i] = sensor.site;
+    }
+    REQUIRE(sbl_gather_readings(context, &desc) == SBL_SUCCESS, "%s", watch_last(&seen));
+    for (i = 0; i < COUNT; i++) good += readings[i].valid && fabs((double)readings[i].radiance[1] - 1) < 1e-3;
+    CHECK(good == COUNT, "%d of %d readings are right", good, COUNT);
+    scene_free(&s);
+}
+
+/* >>surveys */
+
+/* Adds sides of a box around the origin that face inwards, or outwards if sign is -1. sides: bit i is side i, in the
+   order of survey.side; half: half of the width, height and depth */
+static void add_sides(test_scene *s, int material, int sides, const float half[3], int sign) {
+    int side, i;
+    for (side = 0; side < 6; side++) {
+        const int a = side / 2, b = (a + 1) % 3, c = (a + 2) % 3, turned = (side % 2 ? -sign : sign) > 0;
+        float corners[12];
+        for (i = 0; i < 4; i++) {
+            float *p = corners + 3 * (turned ? 3 - i : i);
+            p[a] = side % 2 ? -half[a] : half[a];
+            p[b] = i == 1 || i == 2 ? half[b] : -half[b];
+            p[c] = i >= 2 ? half[c] : -half[c];
+        }
+        if (sides >> side & 1) scene_quad_uv(s, material, corners, 1, 1);
+    }
+}
+
+/* Surveys a scene, and frees it. */
+static survey surveyed(test_scene *s) {
+    const sbl_scene_desc desc = scene_desc(s);
+    survey found;
+    memset(&found, 0, sizeof found);
+    CHECK((context || use_scene(s)) && sbl_set_scene(context, &desc) == SBL_SUCCESS &&
+          survey_take(&found, context) == SBL_SUCCESS, "no survey: %s", watch_last(&seen));
+    scene_free(s);
+    return found;
+}
+
+/* A room without one of its walls is open at that side. Without a ceiling, it is an object; without a floor, a room. */
+TEST(surveys_find_the_open_side) {
+    static const float half[3] = { 2, 1.5f, 3 };
+    static const char *const kinds[] = { "an object", "an open room", "a room" };
+    int side;
+    for (side = 0; side < 7; side++) {
+        const survey_kind wanted = side == 2 ? SURVEY_OBJECT : side == 3 || side == 6 ? SURVEY_ROOM : SURVEY_OPEN_ROOM;
+        test_scene s = { 0 };
+        survey found;
+        add_sides(&s, scene_material(&s, 0.5f, 0.5f, 0.5f), 63 & ~(1 << side), half, 1);
+        found = surveyed(&s);
+        CHECK(found.kind == wanted, "without side %d: %s instead of %s", side, kinds[found.kind], kinds[wanted]);
+        CHECK(wanted != SURVEY_OPEN_ROOM || found.side == side, "side %d is open, not %d", found.side, side);
+    }
+}
+
+/* In a long room, the camera stands at one end and looks towards the other. The lamp is in the air in front of it. */
+TEST(surveys_look_along_a_room) {
+    static const float half[3] = { 2, 1.5f, 5 };
+    test_scene s = { 0 };
+    double nearest = 1e30, ahead = 0;
+    survey found;
+    int k;
+    add_sides(&s, scene_material(&s, 0.5f, 0.5f, 0.5f), 63, half, 1);
+    found = surveyed(&s);
+    REQUIRE(found.kind == SURVEY_ROOM, "no room");
+    CHECK(fabs(found.forward[2]) > 0.8 && fabs(found.forward[1]) < 1e-6, "it looks along %g %g %g", found.forward[0],
+          found.forward[1], found.forward[2]);
+    /* the centres of the last cells of the grid are 5 / 6 from the wall, and the camera steps back from there */
+    CHECK(5 + found.eye[2] * (found.forward[2] > 0 ? 1 : -1) < 5.0 / 6 - 0.1, "its z is %g, and it looks along z %g",
+          found.eye[2], found.forward[2]);
+    for (k = 0; k < 3; k++) {
+        CHECK(fabs(found.eye[k]) < (double)half[k], "the camera is outside");
+        nearest = fmin(nearest, (double)half[k] - fabs(found.middle[k]));
+        ahead += (found.middle[k] - found.eye[k]) * found.forward[k];
+    }
+    CHECK(found.free > 0.99 * nearest && found.free < 1.15 * nearest, "free is %g; the nearest wall is at %g",
+          found.free, nearest);
+    CHECK(ahead > 0.25 * found.far && ahead < 0.75 * found.far, "the lamp is %g ahead; surfaces are at %g", ahead,
+          found.far);
+    CHECK(found.middle[1] > 0 && found.middle[1] < 1.4, "the lamp is at height %g", found.middle[1]);
+}
+
+/* Thick walls, which face outwards and inwards, are a room if a lamp lights it and no light comes from outside. */
+TEST(surveys_enter_what_is_lit_inside) {
+    static const float inner[3] = { 2, 1.5f, 5 }, outer[3] = { 2.1f, 1.6f, 5.1f };
+    int way;
+    for (way = 0; way < 3; way++) {  /* dark; lit; a lit tunnel, which is open at both ends */
+        const int sides = way == 2 ? 15 : 63;
+        const survey_kind wanted = way == 1 ? SURVEY_ROOM : SURVEY_OBJECT;
+        test_scene s = { 0 };
+        const int grey = scene_material(&s, 0.5f, 0.5f, 0.5f);
+        survey found;
+        add_sides(&s, grey, sides, inner, 1);
+        add_sides(&s, grey, sides, outer, -1);
+        if (way) scene_quad(&s, scene_lamp(&s, 9, 9, 9), -1, 1.4f, -4, 1, 1.4f, -4, 1, 1.4f, 4, -1, 1.4f, 4);
+        found = surveyed(&s);
+        CHECK(found.kind == wanted, "%s: kind %d", way == 0 ? "dark" : way == 1 ? "lit" : "tunnel", (int)found.kind);
+    }
+}
+
+/* An object is seen from the front, slightly from the right and above. Two walls that show their backs there are seen
+   from behind, although other directions show as few backs. */
+TEST(surveys_see_the_front_of_objects) {
+    int way, k;
+    for (way = 0; way < 2; way++) {
+        const double turn = 0.375 + (way ? SCENE_PI : 0), flat = sqrt(1 - 0.3 * 0.3);
+        const double wanted[3] = { flat * sin(turn), 0.3, flat * cos(turn) };
+        test_scene s = { 0 };
+        const int grey = scene_material(&s, 0.5f, 0.5f, 0.5f);
+        survey found;
+        if (way) {
+            scene_quad(&s, grey, 1, -1, -1, -1, -1, -1, -1, 1, -1, 1, 1, -1);  /* faces -z */
+            scene_quad(&s, grey, -1, -1, -1, -1, -1, 1, -1, 1, 1, -1, 1, -1);  /* faces -x */
+        } else scene_sphere(&s, grey, 0, 0, 0, 1, 16, 8, 0);
+        found = surveyed(&s);
+        CHECK(found.kind == SURVEY_OBJECT, "%s: kind %d", way ? "walls" : "sphere", (int)found.kind);
+        for (k = 0; k < 3; k++)
+            CHECK(fabs(found.from[k] - wanted[k]) < 1e-6, "%s: from[%d] is %g, not %g", way ? "walls" : "sphere", k,
+                  found.from[k], wanted[k]);
+    }
+}
+
 int main(void) {
     RUN_UNSANITIZED(readings_equal_the_picture);
     RUN(sky_and_lights);
     RUN(suns_in_clusters);
     RUN(distances_to_a_disc);
     RUN(lamps_and_noise);
+    RUN(lamps_shine_through_holes_in_others);
     RUN(normals_of_any_length);
     RUN(offsets_and_validity);
     RUN(in_the_planes_of_walls);
@@ -597,6 +774,11 @@ int main(void) {
     RUN(dropped_work_is_not_done);
     RUN(inspection_in_between);
     RUN_PLAIN(a_million_points);
+    RUN(sites_far_away_can_be_measured);
+    RUN(surveys_find_the_open_side);
+    RUN(surveys_look_along_a_room);
+    RUN(surveys_enter_what_is_lit_inside);
+    RUN(surveys_see_the_front_of_objects);
     RUN(mistakes);
     RUN(memory_runs_out);
     sbl_destroy(context);

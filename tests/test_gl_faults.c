@@ -834,30 +834,44 @@ TEST(create_with_answers_that_are_no_functions) {
     }
 }
 
-/* A driver that accepts a call and does nothing. */
+/* A driver that accepts a call and does nothing or something wrong. */
 static const char *idle_function;
 static void idle_draw(GLenum mode, GLint first, GLsizei count, GLsizei instances) {
     (void)mode; (void)first; (void)count; (void)instances;
 }
 static void idle_dispatch(GLuint x, GLuint y, GLuint z) { (void)x; (void)y; (void)z; }
 
-static sbl_gl_function idle_proc(const char *name, void *user) {
-    if (strcmp(name, idle_function)) return fake_proc(name, user);
-    return strcmp(name, "glDrawArraysInstanced") ? (sbl_gl_function)idle_dispatch : (sbl_gl_function)idle_draw;
+static void APIENTRY clear_to_one(GLenum what, GLint index, const GLuint *value) {
+    static const GLuint ones[4] = { 1, 1, 1, 1 };
+    (void)value;
+    ((PFNGLCLEARBUFFERUIVPROC)gl_host_proc("glClearBufferuiv", NULL))(what, index, ones);
+}
+static GLint APIENTRY forget_epsilon(GLuint program, const GLchar *name) {
+    return strcmp(name, "epsilon") ? gl.GetUniformLocation(program, name) : -1;
 }
 
-/* The trial in sbl_create finds drivers whose draws or dispatches have no effect. */
-TEST(create_with_a_driver_that_draws_nothing) {
+static sbl_gl_function idle_proc(const char *name, void *user) {
+    if (strcmp(name, idle_function)) return fake_proc(name, user);
+    return strcmp(name, "glClearBufferuiv") == 0        ? (sbl_gl_function)clear_to_one
+           : strcmp(name, "glGetUniformLocation") == 0  ? (sbl_gl_function)forget_epsilon
+           : strcmp(name, "glDrawArraysInstanced") == 0 ? (sbl_gl_function)idle_draw
+                                                        : (sbl_gl_function)idle_dispatch;
+}
+
+/* The trial in sbl_create finds drivers whose draws or dispatches have no effect, that show something beside the
+   triangle, or that lose the ambient light of its surface. */
+TEST(create_with_a_driver_that_draws_wrong) {
     static const struct { const char *function, *words; uint32_t disabled; } ways[] = {
         { "glDrawArraysInstanced", "does not draw a known triangle", 0 },
         { "glDrawArraysInstanced", "does not draw a known triangle", SBL_CAPABILITY_ALL },
-        { "glDispatchCompute", "traces a known ray", 0 } };
+        { "glDispatchCompute", "traces a known ray", 0 }, { "glClearBufferuiv", "does not draw a known triangle", 0 },
+        { "glGetUniformLocation", "traces a known ray", 0 } };
     sbl_context_desc desc = faulty_desc();
     sbl_context *context;
     int i, blocks = seen.blocks;
     fake_disarm();
     desc.get_gl_function = idle_proc;
-    for (i = 0; i < 3; i++) {
+    for (i = 0; i < 5; i++) {
         sbl_result result;
         idle_function = ways[i].function;
         desc.disabled = ways[i].disabled;
@@ -961,7 +975,7 @@ int main(void) {
     RUN(create_shaders);
     RUN(create_without_any_function);
     RUN(create_with_answers_that_are_no_functions);
-    RUN(create_with_a_driver_that_draws_nothing);
+    RUN(create_with_a_driver_that_draws_wrong);
     RUN(create_old_gl);
     RUN(context_lost);
     RUN(allocations);

@@ -970,6 +970,16 @@ TEST(overlaps_are_named_and_shown) {
     free(shared);
 }
 
+/* The triangles of a folded chart overlap, although they share an edge in the map. Each of the 120 texels whose centres
+   are inside both counts; the centres on the fold do not. */
+TEST(folded_charts_overlap_themselves) {
+    static const float folded[8] = { 0.1f, 0.1f, 0.6f, 0.1f, 0.6f, 0.6f, 0.6f, 0.1f };
+    static const float apart_from_it[8] = { 0.7f, 0.7f, 0.9f, 0.7f, 0.9f, 0.9f, 0.7f, 0.9f };
+    strange(apart_from_it, folded, SBL_LOG_ITEM_OVERLAP, "texel 4 3");
+    CHECK(watch_said(&seen, SBL_LOG_WARNING, SBL_LOG_ITEM_OVERLAP, "overlap in 120 texels", NULL, NULL), "%s",
+          watch_last(&seen));
+}
+
 /* Charts that leave the map cause a warning with mesh and coordinates. */
 TEST(charts_outside_are_named) {
     static const float here[8] = { 0.1f, 0.1f, 0.4f, 0.1f, 0.4f, 0.4f, 0.1f, 0.4f },
@@ -1524,6 +1534,7 @@ int main(void) {
     RUN(mip_levels_do_not_bleed);
     RUN(light_falls_on_the_front);
     RUN(overlaps_are_named_and_shown);
+    RUN(folded_charts_overlap_themselves);
     RUN(charts_outside_are_named);
     RUN(bad_coordinates_are_mistakes);
     RUN(triangles_without_area_are_counted);

@@ -124,8 +124,10 @@ TEST(parts_do_not_depend_on_each_other) {
 /* The first plan is kept and used. A run that does not fit it, because the number of parts or an option differs, is
    refused; so is a file that is no plan or a damaged plan. The message names a difference that a user can see. */
 TEST(the_first_plan_counts) {
+    static const char *const outside[2] = { "window 0 0 48 16\nwindow 0 17 48 16\nend 2\n",
+                                            "window 0 0 24 32\nwindow 25 0 24 32\nend 2\n" };
     char before[4096], after[4096];
-    int lines;
+    int lines, i;
     if (!has_openexr()) SKIP("built without OpenEXR");
     CHECK(RENDER(PICTURE, "--part", "1/2", "-o", "a.exr", "--plan", "first") == 0, "%s", ran.err);
     read_text(in_folder("first"), before, sizeof before, &lines);
@@ -147,6 +149,12 @@ TEST(the_first_plan_counts) {
     strstr(after, "\nend 2")[1] = 0;
     write_text("short", after);
     CHECK(RENDER(PICTURE, "--part", "1/2", "-o", "a.exr", "--plan", "short") == 1 && said("damaged"), "%s", ran.err);
+    for (i = 0; i < 2; i++) {  /* the picture has 48 x 32 pixels */
+        strcpy(strstr(after, "\nwindow ") + 1, outside[i]);
+        write_text("outside", after);
+        CHECK(RENDER(PICTURE, "--part", "1/2", "-o", "a.exr", "--plan", "outside") == 1 && said("damaged"),
+              "%s: status %d: %s", outside[i], ran.status, ran.err);
+    }
 }
 
 /* A plan tells the parts how many cells the store of the complete picture has. Parts whose numbers differ are not

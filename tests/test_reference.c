@@ -372,6 +372,31 @@ static sbl_stream make_stream(test_scene *s, const double *values, int count, in
     return stream;
 }
 
+/* The two lowest integers of a signed normalised type both mean -1. */
+TEST(the_lowest_integers_are_minus_one) {
+    static const int8_t bytes[9] = { -128, -127, 0, 127, -128, 0, 0, 127, -127 };
+    static const int16_t words[9] = { -32768, -32767, 0, 32767, -32768, 0, 0, 32767, -32767 };
+    int way, k;
+    for (way = 0; way < 2; way++) {
+        test_scene s = { 0 };
+        sbl_scene_desc desc;
+        sbl_bounds bounds;
+        sbl_mesh *m = &s.meshes[s.mesh_count++];
+        memset(m, 0, sizeof *m);
+        m->material = scene_material(&s, 0.5f, 0.5f, 0.5f);
+        m->positions.data = way ? (const void *)words : (const void *)bytes;
+        m->positions.type = way ? SBL_INT16_NORM : SBL_INT8_NORM;
+        m->vertex_count = 3;
+        desc = scene_desc(&s);
+        REQUIRE(sbl_set_scene(context, &desc) == SBL_SUCCESS, "no scene");
+        bounds = sbl_query_bounds(context);
+        for (k = 0; k < 3; k++)
+            CHECK(fabs((double)bounds.lowest[k] + 1) < 1e-9, "%d bytes: the lowest coordinate is %.9g", way + 1,
+                  (double)bounds.lowest[k]);
+        scene_free(&s);
+    }
+}
+
 /* Every vertex format, with and without gaps, indices and optional streams, gives the surface that the ray caster
    sees. */
 TEST(vertex_formats) {
@@ -529,6 +554,7 @@ int main(void) {
     if (sbl_create(NULL, &context) != SBL_SUCCESS) { printf("no context\n0 passed, 1 failed, 0 skipped\n"); return 1; }
     RUN(camera_sees_textured_scene);
     RUN(cameras);
+    RUN(the_lowest_integers_are_minus_one);
     RUN(vertex_formats);
     RUN(transformed_smooth_mesh);
     RUN(facets);

@@ -175,7 +175,23 @@ TEST(surfaces_change) {
     scene_free(&scene);
 }
 
-/* Materials and lights that are refused do not change the light, to the bit. */
+/* A transform is refused that takes the second corner of a mesh too far away, but not the first. The bounds, which are
+   measured again when another mesh moves, stay the same. */
+static void refused_transform_changes_nothing(void) {
+    static const float beyond[16] = { 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 2.8e17f, 0, 0, 0, 0, 1 }, none[16];
+    sbl_bounds before, after;
+    int mesh = 0;
+    while (scene.meshes[mesh].material != BOX) mesh++;
+    before = sbl_query_bounds(context);
+    CHECK(sbl_set_mesh_transform(context, mesh, beyond) == SBL_ERROR_INVALID_ARGUMENT &&
+          watch_said(&seen, SBL_LOG_ERROR, SBL_LOG_ITEM_INVALID_MESH, "vertex 1", "1e18", ""), "%s", watch_last(&seen));
+    CHECK(sbl_set_mesh_transform(context, mesh + 1, none) == SBL_SUCCESS, "%s", watch_last(&seen));
+    after = sbl_query_bounds(context);
+    CHECK(!memcmp(&before, &after, sizeof after), "a refused transform changes the bounds to %g .. %g in z",
+          (double)after.lowest[2], (double)after.highest[2]);
+}
+
+/* Materials, lights and transforms that are refused do not change the light, to the bit, or the bounds. */
 TEST(refused_changes_change_nothing) {
     static sbl_reading before[SITES], after[SITES];
     sbl_picture_desc view = view_of(0.5f);
@@ -212,6 +228,7 @@ TEST(refused_changes_change_nothing) {
     result = sbl_set_lights(context, scene.lights, 1);
     CHECK(watch_refused(&seen, 1, result), "without memory, other lights are accepted");
     CHECK(sbl_step(context, 0) == SBL_SUCCESS, "a change of lights that fails has dropped the picture");
+    refused_transform_changes_nothing();
     scene_free(&scene);
 }
 

@@ -527,6 +527,61 @@ TEST(light_between_sensors_is_curved) {
     }
 }
 
+/* A tile has been split, but the new sensors have not been read. All pixels get the light that the tile interpolates
+   between its own corners, as before the split. */
+TEST(split_tiles_keep_their_light) {
+    enum { SIDE = 5 };
+    static sbl__pixel pixels[SIDE * SIDE];
+    static sbl__sensor sensors[SIDE * SIDE];
+    static float rgba[SIDE * SIDE][4];
+    static sbl__core core;
+    sbl__slice slice = { DBL_MAX, 1, 0 };
+    sbl__sensor *block = sensors;
+    sbl__spec spec;
+    sbl__refine r;
+    sbl__tile tiles[5];
+    sbl__fill fill;
+    int i, k;
+    small_refine(&r, pixels, &block, SIDE);
+    memset(&spec, 0, sizeof spec);
+    memset(tiles, 0, sizeof tiles);
+    memset(&fill, 0, sizeof fill);
+    r.spec = &spec;
+    r.core = &core;
+    core.base = base;
+    r.geometry_aware = 1;
+    r.luminance = 2;
+    r.tiles = tiles;
+    r.tile_count = 5;
+    for (i = 0; i < 5; i++)
+        for (k = 0; k < 2; k++) {
+            tiles[i].area.x[k] = i ? 2 * ((i - 1) % 2 + k) : 4 * k;
+            tiles[i].area.y[k] = i ? 2 * ((i - 1) / 2 + k) : 4 * k;
+            tiles[i].parent = i ? 0 : -1;
+        }
+    tiles[0].split = 1;
+    fill.refine = &r;
+    fill.rgba = rgba[0];
+    for (i = 0; i < SIDE * SIDE; i++) {
+        const int x = i % SIDE, y = i / SIDE;
+        pixels[i].id = 1;
+        pixels[i].normal[2] = 1;
+        pixels[i].position[0] = (float)x;
+        pixels[i].position[1] = (float)y;
+        pixels[i].sensor = (uint32_t)i;
+        sensors[i].sensed = x % 4 == 0 && y % 4 == 0;
+        sensors[i].looks = 1;
+        for (k = 0; k < 3; k++) sensors[i].radiance[k] = sensors[i].sensed ? (float)(1 + x + k * y) : 0.0f;
+    }
+    CHECK(sbl__fill_step(&fill, &slice) == SBL_SUCCESS && !fill.orphans, "%d orphans", fill.orphans);
+    for (i = 0; i < 3 * SIDE * SIDE; i++) {
+        const double expected = 1 + i / 3 % SIDE + i % 3 * (i / 3 / SIDE);
+        CHECK(fabs((double)rgba[i / 3][i % 3] - expected) < 1e-5, "pixel %d, channel %d: %g, expected %g", i / 3, i % 3,
+              (double)rgba[i / 3][i % 3], expected);
+    }
+    sbl__rings_free(&core.base, &fill.rings);
+}
+
 /* Interpolation between the four corners of a wide tile keeps 4/9 of their variance, the mean square of bilinear
    weights; a filter over n pixels keeps 1/n where each pixel has a sensor. */
 TEST(noise_that_is_left) {
@@ -3454,6 +3509,21 @@ TEST(meshes_have_their_own_hinges) {
     sbl__hash_table_free(&core.base, &s.ends);
 }
 
+/* Stored light belongs to the place of its scene: scenes that are equal, but far from each other, differ in their
+   meshes. */
+TEST(stored_light_belongs_to_a_place) {
+    static sbl__scene scene;
+    uint64_t here[SBL__SAVED_HASHES], there[SBL__SAVED_HASHES];
+    int i;
+    memset(&scene, 0, sizeof scene);
+    sbl__saved_scene(&scene, here);
+    scene.geometry.centre[2] = 4096;
+    sbl__saved_scene(&scene, there);
+    for (i = 0; i < SBL__SAVED_HASHES; i++)
+        CHECK((here[i] != there[i]) == (i == SBL__SAVED_MESHES), "hash %d: %llx and %llx", i,
+              (unsigned long long)here[i], (unsigned long long)there[i]);
+}
+
 int main(void) {
     base.allocator.alloc = take;
     base.allocator.free = give;
@@ -3568,5 +3638,7 @@ int main(void) {
     RUN(uneven_light_has_a_score);
     RUN(narrow_triangles_are_marked);
     RUN(meshes_have_their_own_hinges);
+    RUN(stored_light_belongs_to_a_place);
+    RUN(split_tiles_keep_their_light);
     return test_report();
 }

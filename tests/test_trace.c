@@ -649,6 +649,31 @@ TEST(nasty_triangles) {
     }
 }
 
+/* A square of two triangles has no copies, although the triangles have the same bounds and two corners in common: a ray
+   hits the square wherever it meets it. */
+TEST(halves_of_a_square_are_no_copies) {
+    enum { ACROSS = 8, RAYS = ACROSS * ACROSS };
+    static const float corners[12] = { -1, 0, -1, 1, 0, 1, 1, 0, -1, -1, 0, 1 };
+    static const uint32_t indices[6] = { 0, 1, 2, 0, 1, 3 };
+    const sbl_picture_desc view = traced(scene_view(8, 8, 60, 0, 4, 1, 0, 0, 0), SBL_MODE_AMBIENT, 16);
+    test_scene s = { 0 };
+    float rays[8 * RAYS];
+    traced_hit hits[RAYS];
+    int i, hit = 0;
+    scene_mesh(&s, scene_material(&s, 0.5f, 0.5f, 0.5f), corners, NULL, NULL, 4, indices, 6);
+    REQUIRE(scene_render(context, &s, &view), "no picture");
+    for (i = 0; i < RAYS; i++) {
+        const float x = ((float)(i % ACROSS) + 0.4f) / (0.5f * ACROSS) - 1;
+        const float z = ((float)(i / ACROSS) + 0.6f) / (0.5f * ACROSS) - 1;
+        const float ray[8] = { x, 2, z, 0, 0, -1, 0, 0 };
+        memcpy(rays + 8 * i, ray, sizeof ray);
+    }
+    REQUIRE(inside_cast(context, rays, RAYS, hits), "nothing was traced");
+    for (i = 0; i < RAYS; i++) hit += hits[i].number >= 0 && fabs((double)hits[i].distance - 2) < 1e-5;
+    CHECK(hit == RAYS, "%d of %d rays hit the square", hit, RAYS);
+    scene_free(&s);
+}
+
 /* Rays that need thousands of steps are not lost, although some software renderers silently end a shader invocation
    with too many steps. All surfaces are white and emit 1; therefore R is 1 for every ray. */
 TEST(every_ray_arrives) {
@@ -790,6 +815,7 @@ int main(void) {
     RUN(moved_meshes_are_found);
     RUN_UNSANITIZED(rays_hit_what_they_should);
     RUN_PLAIN(nasty_triangles);
+    RUN(halves_of_a_square_are_no_copies);
     RUN(every_ray_arrives);
     RUN_UNSANITIZED(a_million_triangles);
     if (getenv("SBL_TEST_HUGE")) RUN(ten_million_triangles);

@@ -7,7 +7,7 @@ cd "$(dirname "$0")/.." || exit 1
 . tests/support/check.sh
 
 box=examples/scenes/cornell_box.obj lamps=examples/scenes/lights.gltf
-width=128 height=96
+width=128 height=96 root=$PWD
 
 screen() { python3 tests/support/screen.py "$@"; }
 shot() { screen shot "$folder/screen/Xvfb_screen0" $width $height "$folder/$1.ppm"; }
@@ -23,16 +23,19 @@ said() {
 }
 # finished COUNT: waits until COUNT pictures are finished, and until the window shows the last one
 finished() { said "$folder/err" 'picture is finished' "$1" && sleep 0.3; }
-# opens SCENE OPTIONS...: starts the viewer
+# opens SCENE OPTIONS...: starts the viewer in the folder of the test
 opens() {
-    build/sbl_view "$@" --size ${width}x$height --preset draft --verbose > "$folder/out" 2> "$folder/err" &
+    scene=$1
+    shift
+    (cd "$folder" && exec "$root/build/sbl_view" "$root/$scene" "$@" --size ${width}x$height --preset draft --verbose \
+        > "$folder/out" 2> "$folder/err") &
     viewer=$!
     window= tries=0
     until [ -n "$window" ]; do
         tries=$((tries + 1))
         [ $tries -lt 300 ] && kill -0 "$viewer" 2> /dev/null || { cat "$folder/err"; return 1; }
         sleep 0.1
-        window=$(xdo search --name "$(basename "$1")")
+        window=$(xdo search --name "$(basename "$scene")")
     done
     xdo windowfocus "$window"
 }
@@ -74,16 +77,82 @@ resizes() {
     xdo windowsize "$window" 96 64 && finished 3 && xdo key s && said "$folder/out" saved 2 && shot resized &&
         screen same "$folder/resized.ppm" "$folder/saved.png"
 }
+# titled TEXT: waits until the title of the window contains TEXT, for at most 20 s
+titled() {
+    tries=0
+    until xdo getwindowname "$window" | grep -qF -- "$1"; do
+        tries=$((tries + 1))
+        [ $tries -lt 200 ] && kill -0 "$viewer" 2> /dev/null || { xdo getwindowname "$window"; return 1; }
+        sleep 0.1
+    done
+}
+# camera NAME: saves the camera, as the viewer prints it
+camera() {
+    cameras=$(grep -c '^--eye' "$folder/out")
+    xdo key c && said "$folder/out" '^--eye' $((cameras + 1)) && grep '^--eye' "$folder/out" | tail -n 1 \
+        > "$folder/$1.camera"
+}
+# holds KEY NAME: holds a key until the camera has moved, and saves the camera. It has moved from that of `before`
+holds() {
+    camera before && xdo keydown "$1" && tries=0
+    until camera "$2" && ! diff -q "$folder/before.camera" "$folder/$2.camera" > /dev/null; do
+        tries=$((tries + 1))
+        [ $tries -lt 100 ] || break
+    done
+    xdo keyup "$1"
+}
+# drags BUTTON NAME: drags by 40 pixels to the right from the middle of the window, and saves the camera
+drags() {
+    xdo mousemove 48 32 mousedown "$1" mousemove_relative 20 0 mousemove_relative 20 0 mouseup "$1" && camera "$2"
+}
+# What the mouse and the keys do to the camera has closed forms. The window has 96 x 64 pixels.
+keys_and_mouse_move_the_camera() {
+    xdo mousemove 48 32 && camera start && xdo click 4 && camera wheel && xdo key Home && camera home &&
+        grep -qF -- "$(cut -d ' ' -f 1-8 "$folder/home.camera")" "$folder/err" && drags 3 look && drags 1 orbit &&
+        drags 2 shift && holds Up ahead && cp "$folder/before.camera" "$folder/1.camera" && holds Right right &&
+        cp "$folder/before.camera" "$folder/2.camera" && holds Prior up && cp "$folder/before.camera" \
+        "$folder/3.camera" && python3 tests/support/cameras.py "$folder" 96 64
+}
+# A click in a preview, which has fewer pixels than the window, inspects the pixel of the picture below the mouse.
+click_in_a_preview() {
+    xdo mousemove 80 48 key r sleep 0.1 click 1 && said "$folder/out" '^pixel 80,48: ' 1
+}
+keys_change_the_title() {
+    xdo key x && titled ' (auto), neutral, final' && xdo key t && titled ', agx, final' && xdo key t &&
+        titled ', none, final' && xdo key t && titled ', neutral, final' && xdo key bracketleft &&
+        titled ', neutral, specular_albedo' && xdo key bracketright && titled ', neutral, final' && xdo key 0 &&
+        titled ', neutral, error' && xdo key 6 && titled ', neutral, depth' && xdo key 1 &&
+        titled ', neutral, final' && stops=$(exposure) && xdo key plus && titled "$(stops_more 0.25)," &&
+        xdo key minus minus && titled "$(stops_more -0.25)," && xdo key x && titled ' (auto), '
+}
+direct_light_by_key() {
+    titled ' - 100 %' && sleep 0.3 && shot all && count=$(grep -c 'picture is finished' "$folder/err") && xdo key m &&
+        finished $((count + 1)) && shot direct && screen differ "$folder/all.ppm" "$folder/direct.ppm" 5
+}
+exposure() { xdo getwindowname "$window" | sed 's/.*exposure \([-+0-9.]*\).*/\1/'; }
+stops_more() { awk -v stops="$stops" -v more="$1" 'BEGIN { printf "exposure %+.2f\n", stops + more }'; }
 light_moves() {
     width=128 height=96
     opens $lamps && finished 1 && shot lamps && xdo key l && sleep 0.3 && xdo key Right key Right key Right &&
         finished 2 && xdo key l key l key l && sleep 0.3 && shot moved &&
         screen differ "$folder/lamps.ppm" "$folder/moved.ppm" 1
 }
+# Factors of 1/2 and 2 cancel out exactly.
+light_is_dimmed() {
+    xdo key l key comma key comma key comma && finished 3 && xdo key l key l key l && sleep 0.3 && shot dimmed &&
+        screen differ "$folder/moved.ppm" "$folder/dimmed.ppm" 1 && xdo key l key period key period key period &&
+        finished 4 && xdo key l key l key l && sleep 0.3 && shot again &&
+        screen same "$folder/moved.ppm" "$folder/again.ppm"
+}
+saves_under_new_names() {
+    xdo key s && said "$folder/out" '^saved sbl_view_1.png' 1 && xdo key s &&
+        said "$folder/out" '^saved sbl_view_2.png' 1 && screen same "$folder/moved.ppm" "$folder/sbl_view_1.png" &&
+        screen same "$folder/moved.ppm" "$folder/sbl_view_2.png"
+}
 light_is_dragged() {
     xdo key c && said "$folder/out" '^--eye' 1 && xdo key l && sleep 0.3 && shot marked &&
         at=$(marked_at "$folder/moved.ppm" "$folder/marked.ppm") && [ -n "$at" ] &&
-        xdo mousemove $at mousedown 1 mousemove_relative 20 0 mousemove_relative 20 0 mouseup 1 && finished 3 &&
+        xdo mousemove $at mousedown 1 mousemove_relative 20 0 mousemove_relative 20 0 mouseup 1 && finished 5 &&
         xdo key l key l key l && sleep 0.3 && shot dragged &&
         screen differ "$folder/moved.ppm" "$folder/dragged.ppm" 1 && xdo key c && said "$folder/out" '^--eye' 2 &&
         [ "$(grep '^--eye' "$folder/out" | sort -u | wc -l)" = 1 ] && ends  # all printed cameras are the same
@@ -110,6 +179,15 @@ for name in "wall", "wall_undisturbed", "processor_thread", "processor_process":
     part = steps[name]
     if sum(bin["steps"] for bin in part["histogram"]) != part["steps"]:
         sys.exit("%s: the histogram has %s" % (name, part))
+    if part["steps"] and not part["median_ms"] <= part["p99_ms"] <= part["longest_ms"]:
+        sys.exit("%s: %s" % (name, part))
+walls = [step["wall_ms"] for step in steps["slowest"]]
+if walls != sorted(walls, reverse=True) or walls[0] != steps["wall"]["longest_ms"]:
+    sys.exit("the slowest steps are %s" % walls)
+undisturbed = sum(step["interruptions"] == 0 for step in steps["slowest"])
+rest = steps["wall"]["steps"] - steps["wall_undisturbed"]["steps"]
+if undisturbed > steps["wall_undisturbed"]["steps"] or len(walls) - undisturbed > rest:
+    sys.exit("%d steps are undisturbed; the slowest are %s" % (steps["wall_undisturbed"]["steps"], steps["slowest"]))
 if not 1 <= steps["wall"]["steps"] == steps["processor_thread"]["steps"] or not steps["slowest"]:
     sys.exit("%d steps" % steps["wall"]["steps"])
 END
@@ -150,8 +228,14 @@ else
     check channel_changes_by_key channel_changes_by_key
     check orbit_changes_it orbit_changes_it
     check resizes resizes
+    check keys_and_mouse_move_the_camera keys_and_mouse_move_the_camera
+    check click_in_a_preview click_in_a_preview
+    check keys_change_the_title keys_change_the_title
+    check direct_light_by_key direct_light_by_key
     check escape_ends ends
     check light_moves light_moves
+    check light_is_dimmed light_is_dimmed
+    check saves_under_new_names saves_under_new_names
     check light_is_dragged light_is_dragged
 fi
 report

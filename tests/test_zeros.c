@@ -87,6 +87,15 @@ TEST(queries_without_a_context_are_zeroes) {
     CHECK(sbl_query_desc(context).sensor_texture_size == 2048, "sbl_query_desc of a context lacks its defaults");
 }
 
+/* A new context has neither a scene nor statistics, although it has tested the driver with a scene of its own. */
+TEST(new_contexts_have_done_nothing) {
+    sbl_context *own = NULL;
+    REQUIRE(sbl_create(NULL, &own) == SBL_SUCCESS, "no context");
+    IS_ZERO(sbl_stats, sbl_query_stats(own));
+    IS_ZERO(sbl_bounds, sbl_query_bounds(own));
+    sbl_destroy(own);
+}
+
 /* With a negative epsilon, SBL_MODE_AMBIENT equals SBL_MODE_DIRECT, to the bit. */
 TEST(negative_epsilon_is_no_ambient_light) {
     static small_picture direct, none, usual;
@@ -249,6 +258,7 @@ int main(void) {
     if (sbl_create(&desc, &context) != SBL_SUCCESS) { printf("no context: %s\n", watch_last(&seen)); return 1; }
     RUN(defaults_are_idempotent);
     RUN(queries_without_a_context_are_zeroes);
+    RUN(new_contexts_have_done_nothing);
     RUN(negative_epsilon_is_no_ambient_light);
     RUN(negative_threshold_refines_every_difference);
     RUN(negative_facet_limit_is_shading_normals_everywhere);

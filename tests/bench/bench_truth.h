@@ -1,7 +1,7 @@
-/* Two programs for benches that measure R without bias at the surfaces that a camera shows: a path tracer, which follows
-   light from these surfaces back to the lamps, and a light tracer, which follows it from the lamps. The light tracer has
-   less noise, most of all if lamps are hidden. Embree 3 casts the rays if scripts/Makefile defines BENCH_EMBREE,
-   otherwise reference.h does. They share no code with sbl.h. Include after sbl.h and bench_furnished.h.
+/* Two programs for benches that measure R without bias at the surfaces that a camera shows: a path tracer, which
+   follows light from these surfaces back to the lamps, and a light tracer, which follows it from the lamps. The light
+   tracer has less noise, most of all if lamps are hidden. Embree 3 casts the rays if scripts/Makefile defines
+   BENCH_EMBREE, otherwise reference.h does. They share no code with sbl.h. Include after sbl.h and bench_furnished.h.
        truth *t = truth_create(&scene, windows, window_count);
        truth_render(t, points, count, samples, halves);   two independent pictures, one per thread
        truth_spread(t, &view, paths, halves);             the same by the light tracer
@@ -465,8 +465,8 @@ static void *truth_spread_run(void *user) {
     return NULL;
 }
 
-/* Computes two independent pictures of R with `paths` paths each, on two threads. A pixel is the mean over the area that
-   it shows, which is R at its centre only if it shows a single plane. */
+/* Computes two independent pictures of R with `paths` paths each, on two threads. A pixel is the mean over the area
+   that it shows, which is R at its centre only if it shows a single plane. */
 static void truth_spread(const truth *t, const sbl_picture_desc *view, double paths, float *halves[2]) {
     const truth_camera camera = truth_camera_of(view);
     const int floats = 3 * view->width * view->height;
