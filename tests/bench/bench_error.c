@@ -1,6 +1,6 @@
 /* Compares sbl.h with the true light in furnished rooms that are made from seeds, and its predicted error with the true
-   one. The true R comes from a light tracer where a pixel shows a single plane, elsewhere from a path tracer. Rooms with
-   even seeds are for tuning; rooms with odd seeds are held out for judging.
+   one. The true R comes from a light tracer where a pixel shows a single plane, otherwise from a path tracer. Rooms
+   with even seeds are for tuning; rooms with odd seeds are held out for judging.
        build/bench_error                       rooms 0 to 11 at target errors of 0.8, 1.5 and 3 %
        build/bench_error --rooms 3-9,24 --error 0.015
        build/bench_error --rooms 1000-1003     storeys of twelve rooms, of which the picture shows one
