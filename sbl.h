@@ -15938,10 +15938,11 @@ typedef struct sbl__bounce {
     struct { double direct, before, after; } layer_balance[3 * SBL_MAX_LIGHT_GROUPS];  /* like `balance`, per channel of
                                                                                           each layer */
     double change;                   /* balance.change of the previous round */
-    /* light, squares: sums, over the rays of all points, of the luminance of the radiance that a ray finds, and of its
-       square; rays: number of these rays; received: sum, over points, of the luminance of R of the point's leaf. All
-       are weighted by sbl__point_weight and by the `fraction` of the point's leaf. */
-    struct { double light, squares, rays, received; } found;
+    /* light: sum, over the rays of all points, of the luminance of the radiance that a ray finds; rays: number of these
+       rays; long_light, long_squares: sums of this luminance, and of its square, over rays that are not short (see
+       SBL__PATCH_SHORT); received: sum, over points, of the luminance of R of the point's leaf. All are weighted by
+       sbl__point_weight and by the `fraction` of the point's leaf. */
+    struct { double light, rays, long_light, long_squares, received; } found;
     /* sums over leaves in this round: direct light, all light before and after, absolute changes in all channels */
     struct { double direct[3], before[3], after[3], change; } balance;
     int rounds;                      /* number of rounds of the solution so far */
@@ -17839,8 +17840,14 @@ static int sbl__brighter(const void *first, const void *second) {
     return a->light > b->light ? -1 : a->light < b->light ? 1 : a->leaf - b->leaf;
 }
 
+/* Returns 1 if a ray that ends at this hit is short. Short rays read no glows (see >>glow). */
+static int sbl__bright_is_short(const sbl__bounce *b, const sbl__hit *hit) {
+    return hit->side != SBL__NOWHERE && sbl__is_short(b->store, hit->distance);
+}
+
 /* Adds the luminance of the radiance that a valid point's rays find to b->found and to b->leaf_found. b->leaf_found
-   ignores rays that have hit metal. Metal is thus no glow: its light depends on the direction and is `metal_light`. */
+   ignores short rays, and rays that have hit metal. Metal is thus no glow: its light depends on the direction and is
+   `metal_light`. */
 static sbl_result sbl__bright_sum_found(void *work, int at) {
     sbl__bounce *b = (sbl__bounce *)work;
     const sbl__hit *hits = &b->hits.list[(size_t)at * SBL__BOUNCE_RAYS];
@@ -17862,7 +17869,9 @@ static sbl_result sbl__bright_sum_found(void *work, int at) {
             light = (double)(sbl__luminance(sum) / SBL__ALBEDO_ONE);
         }
         b->found.light += weight * light;
-        b->found.squares += weight * light * light;
+        if (sbl__bright_is_short(b, &hits[j])) continue;
+        b->found.long_light += weight * light;
+        b->found.long_squares += weight * light * light;
         if (hits[j].leaf == SBL__NOWHERE || hits[j].by_metal) continue;
         b->leaf_found[hits[j].leaf].light += (float)(weight * light);
         b->leaf_found[hits[j].leaf].rays += (float)weight;
@@ -17914,11 +17923,13 @@ static int sbl__bright_uncrowded(sbl__bounce *b, sbl__bright_leaf *list, int cou
 }
 
 /* Returns how many of the candidates, sorted by sbl__brighter, become bright leaves. Returns 0 if the variance of the
-   radiance that rays find is small, or if bright leaves would not reduce it enough. */
+   radiance that rays find is small, or if bright leaves would not reduce it enough. Short rays count as rays that find
+   nothing: in the tube of a lamp, they find most light, and glows do not change that. */
 static int sbl__bright_choose(const sbl__bounce *b, const sbl__bright_leaf *list, int count) {
-    const double rays = b->found.rays, mean = b->found.light / rays, variance = b->found.squares / rays - mean * mean;
+    const double rays = b->found.rays, mean = b->found.long_light / rays;
+    const double variance = b->found.long_squares / rays - mean * mean;
     const double received = b->found.received / rays * SBL__BOUNCE_RAYS;
-    double light = b->found.light, squares = b->found.squares, hits = 0;
+    double light = b->found.long_light, squares = b->found.long_squares, hits = 0;
     int i;
     for (i = 0; i < SBL__MIN(count, SBL__BRIGHT_LEAVES) && hits + list[i].hits <= SBL__BRIGHT_HITS * rays; i++) {
         hits += list[i].hits;
@@ -18136,15 +18147,17 @@ static sbl_result sbl__bright_cast(void *work, sbl__slice *slice) {
     return sbl__cast_rays(b, sbl__bright_ray, b->site_count * SBL__BRIGHT_RAYS, &b->receivers, slice);
 }
 
-/* Computes the weight of a site's light in the mean light of its leaf, for each channel: the albedo that its rays find.
-   The mean then has the same effect on other surfaces as the light itself. In a lamp's bowl, for example, the brightest
-   part of a leaf may be under the lamp, which is black and hides this part from all other surfaces. */
+/* Computes the weight of a site's light in the mean light of its leaf, for each channel: the albedo that its rays find,
+   except short rays. The mean then has the same effect on other surfaces as the light itself. In a lamp's bowl, for
+   example, the brightest part of a leaf may be under the lamp, which is black and hides this part from all other
+   surfaces. In a tube, the part near the opening counts most. */
 static void sbl__bright_weight(const sbl__bounce *b, int site, double out[3]) {
     const sbl__hit *hits = &b->receivers.list[(size_t)site * SBL__BRIGHT_RAYS];
     int i, k;
     for (k = 0; k < 3; k++) out[k] = 1.0 / SBL__ALBEDO_ONE;  /* the sum of weights must not be 0 */
     for (i = 0; i < SBL__BRIGHT_RAYS; i++)
-        for (k = 0; k < 3 && hits[i].side != SBL__NOWHERE; k++) out[k] += hits[i].albedo[k] / (double)SBL__ALBEDO_ONE;
+        for (k = 0; k < 3 && hits[i].side != SBL__NOWHERE && !sbl__bright_is_short(b, &hits[i]); k++)
+            out[k] += hits[i].albedo[k] / (double)SBL__ALBEDO_ONE;
 }
 
 /* Computes the mean light of lamps at the sites of a bright leaf. layers: receives the same for each light group.

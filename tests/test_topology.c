@@ -1087,7 +1087,7 @@ TEST(further_points_do_not_count_more) {
 
 /* Some rays find two leaves that are much brighter than all others. Leaf 1 is seen by single rays of many points. Leaf
    2 fills the view of one point, so that rays find it easily. Only leaf 1 becomes bright. For short rays, leaf 3 is in
-   the place of leaf 1, and leaf 4 in that of leaf 2. */
+   the place of leaf 1, and leaf 4 in that of leaf 2. What short rays find does not count, although it is bright. */
 TEST(places_that_fill_the_view_stay_ordinary) {
     enum { POINTS = 40, SEEING = 20, LEAVES = 6, DARK = 5 };
     static const float places[LEAVES] = { 1.5f, 11.5f, 12.5f, 11.5f, 12.5f, 31.5f }, half[3] = { 0.5f, 0.5f, 0.5f };
@@ -1130,12 +1130,13 @@ TEST(places_that_fill_the_view_stay_ordinary) {
         states[i].points = i ? 1 : POINTS;
         states[i].fraction = 1;
         *sbl__store_bucket(&store, sbl__hit_patch(&store, &first->at), first->at.position) = (uint32_t)i + 1;
-        for (k = 0; k < 3; k++) leaves[i].light[k] = i == 1 || i == 2 ? 1000.0f : 0.1f;
+        for (k = 0; k < 3; k++) leaves[i].light[k] = i == 1 || i == 2 || i == 4 ? 1000.0f : 0.1f;
     }
     for (i = 0; i < POINTS; i++) points[i].valid = 1;
     for (i = 0; i < POINTS * SBL__BOUNCE_RAYS; i++) {
         const int point = i / SBL__BOUNCE_RAYS, ray = i % SBL__BOUNCE_RAYS;
-        hits[i].leaf = (uint32_t)(point == POINTS - 1 ? 2 : point < SEEING && ray == 3 ? 1 : DARK);
+        hits[i].leaf = (uint32_t)(point == POINTS - 1 ? 2 : ray == 5 ? 4 : point < SEEING && ray == 3 ? 1 : DARK);
+        hits[i].distance = point < POINTS - 1 && ray == 5 ? 0.1f : 9;
         sbl__albedo_pack(half, hits[i].albedo);
     }
     for (i = 0; i < POINTS; i++) sbl__bright_sum_found(&b, i);
@@ -1155,11 +1156,12 @@ TEST(places_that_fill_the_view_stay_ordinary) {
 }
 
 /* In the mean over a bright leaf, a site counts by the albedo of the surfaces that its rays hit. Black surfaces and the
-   sky reflect nothing. Sites without a valid reading do not count. */
+   sky reflect nothing. Short rays and sites without a valid reading do not count. */
 TEST(sites_count_by_what_reflects_their_light) {
     enum { SITES = 4, GROUPS = 2 };
-    static const float R[SITES] = { 10, 2, 5, 1000 }, albedos[SITES] = { 0, 0.8f, 0.4f, 0.8f };
+    static const float R[SITES] = { 10, 2, 5, 1000 }, albedos[SITES] = { 0, 0.8f, 0.8f, 0.8f };
     static sbl__bounce b;
+    static sbl__store store;
     static sbl__core core;
     sbl_reading readings[SITES];
     sbl__hit hits[SITES * SBL__BRIGHT_RAYS];
@@ -1172,6 +1174,8 @@ TEST(sites_count_by_what_reflects_their_light) {
     b.readings = readings;
     b.receivers.list = hits;
     b.found_layers = found_layers;
+    b.store = &store;
+    store.length = 2;
     for (i = 0; i < SITES; i++) {
         const float albedo[3] = { albedos[i], 0.5f * albedos[i], 0.5f };
         readings[i].valid = i != 3;
@@ -1182,13 +1186,14 @@ TEST(sites_count_by_what_reflects_their_light) {
         }
         for (k = 0; k < SBL__BRIGHT_RAYS; k++) {
             hits[i * SBL__BRIGHT_RAYS + k].side = i == 1 && k >= SBL__BRIGHT_RAYS / 2 ? SBL__NOWHERE : 0;
+            hits[i * SBL__BRIGHT_RAYS + k].distance = i == 2 && k < SBL__BRIGHT_RAYS / 2 ? 0.99f : 1.01f;  /* short */
             sbl__albedo_pack(albedo, hits[i * SBL__BRIGHT_RAYS + k].albedo);
         }
     }
     CHECK(sbl__bright_mean(&b, 0, SITES, mean, layers), "no site is valid");
     printf("  mean %g %g %g\n", (double)mean[0], (double)mean[1], (double)mean[2]);
     for (k = 0; k < 2; k++) CHECK(fabs((double)mean[k] - 3.5) < 1e-3, "mean %d is %g", k, (double)mean[k]);
-    CHECK(fabs((double)mean[2] - (4 * 10 + 2 * 2 + 4 * 5) / 10.0) < 1e-3, "mean 2 is %g", (double)mean[2]);
+    CHECK(fabs((double)mean[2] - (4 * 10 + 2 * 2 + 2 * 5) / 8.0) < 1e-3, "mean 2 is %g", (double)mean[2]);
     CHECK(fabs((double)layers[0] - 1) < 1e-3 && fabs((double)layers[3] - 2.5) < 1e-3, "groups %g and %g",
           (double)layers[0], (double)layers[3]);
     for (k = 0; k < 3; k++)
