@@ -449,7 +449,7 @@ static const hash llvmpipe_15[CASES] = {
     0xe550da65726a7c68u,  /* glossy_picture */
     0x9045e472affd8764u,  /* glossy_window */
     0x5b5bd258a298d6c8u,  /* glossy_inspection */
-    0x42d66a1fcc34249fu,  /* glossy_store */
+    0x5f5f72ab45ac3075u,  /* glossy_store */
     0xbd230c87a75d2311u,  /* glossy_rasterised */
     0x0682641aa93072fau,  /* matte_picture */
     0x0cb082160fbe86b1u,  /* plain_picture */
