@@ -350,7 +350,8 @@
    Budget: sbl_scene_desc.max_bounce_cells limits the number of cells, and so their size. Time and memory grow with it.
    By default, the first picture or lightmap that uses the store checks it after its first round of sensors: if the
    error of stored light alone exceeds 1.5 times the target error, the store is made again with up to 196608 cells, and
-   the picture starts again. All later work uses this store, until the next sbl_set_scene. Windows and pictures with a
+   the picture starts again. All later work uses this store, until the next sbl_set_scene or a picture that sets another
+   number. Windows and pictures with a
    price, a threshold, options.rays or max_bounce_cells do not check the store, and it is not made again if the larger
    store would exceed sbl_context_desc.memory_budget. Set the number yourself if several processes must make the same
    store, if stored light still limits the error, or if light looks patchy; lower it for a quick preview. It does not
@@ -903,7 +904,7 @@
    for bit, on the same GL driver, whatever the batch size, the slices of sbl_step, and the number of repetitions.
    Other GL versions and drivers give the same picture up to rounding. In SBL_MODE_GI, the first picture of a scene may
    raise the number of cells, and later ones then differ by noise from pictures that are made first: set
-   max_bounce_cells to avoid that.
+   sbl_scene_desc.max_bounce_cells to avoid that.
 
    sbl_gather_readings can repeat the light of the pixel (x, y). Give it the site of that pixel (sbl_sensor.site) as its
    site number y * width + x, with the picture's seed, and set `rays` to the same value for both, other than 0. The
@@ -1307,7 +1308,8 @@ typedef struct sbl_scene_desc {
                                   and 100 bytes of GPU memory. Default: 1.5 times the number of triangles, but at least
                                   49152 and at most 196608. The first picture or lightmap raises the number to 196608,
                                   or to what the driver's buffer textures hold, if it finds the store too coarse, see ON
-                                  BOUNCED LIGHT. -1: the default, but it is never raised */
+                                  BOUNCED LIGHT. -1: the default, which is never raised. A picture or lightmap may set
+                                  another number for itself */
     int light_groups;          /* number of light groups, 0 to SBL_MAX_LIGHT_GROUPS, see ON LIGHT GROUPS. Default: 0, no
                                   groups. A scene with draw has none */
     int sky_group;             /* number of the light group of sky and environment, as in sbl_material */
@@ -1432,8 +1434,9 @@ typedef struct sbl_picture_desc {
                                   minus sign, rays are guided to bright areas. Set it for windows, see ON PARTS; it
                                   has no effect if options.rays is set. Default: 0, first looks decide */
     int max_bounce_cells;      /* maximum number of cells of the store in SBL_MODE_GI, as in sbl_scene_desc. A store
-                                  that was made with another number is made again. Set it for windows, see ON PARTS. -1:
-                                  the store stays as it is. Default: 0, the picture may raise the number of the scene */
+                                  that was made with another number is made again. Set it for windows, see ON PARTS.
+                                  Default: 0, a store that exists stays, otherwise the number is that of the scene,
+                                  which the picture may raise. -1: the same, but the picture does not raise it */
     int measure_work;          /* 1: SBL_CHANNEL_WORK contains the work of rays, see ON PARTS. Default: 0 */
     int tile;                  /* pixels between sensors of the first level, 1 (every pixel) to 1024. Default: 16, or 4
                                   with options.ray_length, because ambient occlusion can be narrow */
@@ -8067,9 +8070,10 @@ typedef struct sbl__store {
                                   scene has no light groups */
     sbl__bright_cell *bright;  /* all cells with bright leaves, in the order of sbl__bright_order */
     int cut_count, cut_capacity, leaf_count, leaf_capacity, bright_count;
-    int max_leaves;            /* maximum number of leaves, from sbl_scene_desc.max_bounce_cells */
-    int most_leaves;           /* a picture that finds the store too coarse raises max_leaves to this */
-    int leaves_fit;            /* number of leaves that fit the driver's textures; limits max_leaves */
+    int max_leaves;            /* maximum number of leaves while the store is filled, see sbl__bounce_leaves */
+    int scene_leaves;          /* the same unless a picture sets another number; from sbl_scene_desc.max_bounce_cells */
+    int most_leaves;           /* a picture that finds the store too coarse raises scene_leaves to this */
+    int leaves_fit;            /* number of leaves that fit the driver's textures; limits all these numbers */
     int unjudged;              /* 1: the next picture that can will decide whether the store needs more cells, see
                                   sbl__map_judges_store */
     int unseen_level;          /* lowest level for cells of surface samples whose rays hit nothing */
@@ -8619,8 +8623,8 @@ static void sbl__scene_write_materials(sbl__scene *s, const sbl_material *materi
                                       cuts */
 
 /* Chooses buffer textures for the tables or, if a table exceeds the driver's limit for these, 2D textures. With buffer
-   textures, limits s->store.max_leaves to what fits, but not below 1024. Returns an error if a table exceeds the limit
-   of 2D textures, too, or if s->brightest exceeds SBL__RADIANCE_MOST. */
+   textures, limits s->store.scene_leaves to what fits, but not below 1024. Returns an error if a table exceeds the
+   limit of 2D textures, too, or if s->brightest exceeds SBL__RADIANCE_MOST. */
 static sbl_result sbl__scene_fit(const sbl__device *d, sbl__scene *s) {
     const sbl_capabilities *c = &d->gl.capabilities;
     const sbl__geometry *g = &s->geometry;
@@ -8652,7 +8656,7 @@ static sbl_result sbl__scene_fit(const sbl__device *d, sbl__scene *s) {
         const int leaves = (c->max_texture_buffer_size - g->triangle_count / 4) / each;
         s->store.leaves_fit = SBL__MAX(1024, leaves);
     }
-    s->store.max_leaves = SBL__MIN(s->store.max_leaves, s->store.leaves_fit);
+    s->store.scene_leaves = SBL__MIN(s->store.scene_leaves, s->store.leaves_fit);
     s->store.most_leaves = SBL__MIN(s->store.most_leaves, s->store.leaves_fit);
     return SBL_SUCCESS;
 }
@@ -8709,11 +8713,11 @@ static sbl_result sbl__scene_make(sbl__device *d, sbl__scene *s, const sbl_scene
         s->material_count = desc->material_count;
         s->light_groups = desc->light_groups;
         s->environment.layer = desc->sky_group;
-        s->store.max_leaves = SBL__MAX(desc->max_bounce_cells, 0);
-        if (!s->store.max_leaves)
-            s->store.max_leaves = (int)SBL__MIN(SBL__MAX(SBL__STORE_PER_TRIANGLE * s->geometry.triangle_count,
-                                                         SBL__STORE_LEAST), SBL__STORE_MOST);
-        s->store.most_leaves = desc->max_bounce_cells ? s->store.max_leaves : SBL__STORE_MOST;
+        s->store.scene_leaves = SBL__MAX(desc->max_bounce_cells, 0);
+        if (!s->store.scene_leaves)
+            s->store.scene_leaves = (int)SBL__MIN(SBL__MAX(SBL__STORE_PER_TRIANGLE * s->geometry.triangle_count,
+                                                           SBL__STORE_LEAST), SBL__STORE_MOST);
+        s->store.most_leaves = desc->max_bounce_cells ? s->store.scene_leaves : SBL__STORE_MOST;
         for (i = 0; i < desc->mesh_count; i++) {
             const sbl_mesh *mesh = &desc->meshes[i];
             s->geometry.meshes[i].material = mesh->material;
@@ -9446,6 +9450,7 @@ typedef struct sbl__measurement {
     sbl_sensor_kind sensor_kind;
     float sensor_fov;
     int look_rays, looks;      /* rays per look, and maximum number of looks per site; only used if options.rays is 0 */
+    int max_bounce_cells;      /* as in sbl_picture_desc; 0 or -1: any number */
     int every_ray;             /* 0: if all light comes from lamps, trace at most SBL__POOL_RAYS rays over the
                                   hemisphere, because they only measure distances and back faces. 1: trace all rays */
 } sbl__measurement;
@@ -18498,12 +18503,30 @@ static sbl__bounce *sbl__bounce_resume(sbl__core *c) {
 
 static const sbl__stage_row sbl__bounce_stages[] = { SBL__BOUNCE_STAGES(SBL__STAGE_ROW) };
 
+/* Returns the maximum number of leaves that the store must have. cells: see sbl__measurement.max_bounce_cells. A ready
+   store stays, unless another number is asked for. */
+static int sbl__bounce_leaves(const sbl__store *s, int cells) {
+    if (cells <= 0) return s->ready ? s->made_for : s->scene_leaves;
+    return s->ready && s->made_for == cells ? cells : SBL__MIN(cells, s->leaves_fit);
+}
+
+/* Drops the light of the store, which is then filled again with up to max_leaves leaves. */
+static void sbl__bounce_refill(sbl__core *c, int max_leaves) {
+    sbl__store *s = &c->scene.store;
+    sbl__bounce_end(c);
+    sbl__scene_glows_changed(&c->device, &c->scene);
+    s->max_leaves = max_leaves;
+    s->ready = 0;
+}
+
 /* Does a piece of the filling of the store. Returns SBL_UNFINISHED until the store is ready, then SBL_SUCCESS. An error
-   ends the filling. */
-static sbl_result sbl__bounce_step(sbl__core *c, sbl__slice *slice) {
+   ends the filling. cells: see sbl__bounce_leaves */
+static sbl_result sbl__bounce_step(sbl__core *c, int cells, sbl__slice *slice) {
     const double start = sbl__now();
     sbl__store *s = &c->scene.store;
+    const int leaves = sbl__bounce_leaves(s, cells);
     sbl_result result = SBL_ERROR_OUT_OF_MEMORY;
+    if (leaves != (s->ready ? s->made_for : s->max_leaves)) sbl__bounce_refill(c, leaves);
     if (!s->ready && sbl__bounce_resume(c))
         result = sbl__stages_step(&c->bounce->stages, sbl__bounce_stages, SBL__COUNT(sbl__bounce_stages), c->bounce,
                                   slice);
@@ -18517,18 +18540,6 @@ static sbl_result sbl__bounce_step(sbl__core *c, sbl__slice *slice) {
     c->stats.store.cells = s->leaf_count;
     c->stats.store.max_cells = s->made_for;
     return result;
-}
-
-/* Returns the maximum number of leaves of the present light or, if there is none, of the light that will be made. */
-static int sbl__bounce_max_leaves(const sbl__store *s) { return s->ready ? s->made_for : s->max_leaves; }
-
-/* Drops the light of the store, which is then filled again with up to max_leaves leaves. */
-static void sbl__bounce_refill(sbl__core *c, int max_leaves) {
-    sbl__store *s = &c->scene.store;
-    sbl__bounce_end(c);
-    sbl__scene_glows_changed(&c->device, &c->scene);
-    s->max_leaves = max_leaves;
-    s->ready = 0;
 }
 
 /* Estimates the finished fraction of the store, 0 to 1. A restart lowers it. While the number of points is unknown,
@@ -18824,7 +18835,7 @@ static sbl_result sbl__saved_load(sbl__core *c, sbl_read_function get, void *use
     sbl_result result;
     memset(&fault, 0, sizeof fault);
     memset(&s, 0, sizeof s);
-    s.max_leaves = scene->store.max_leaves;
+    s.scene_leaves = scene->store.scene_leaves;
     s.most_leaves = scene->store.most_leaves;
     s.leaves_fit = scene->store.leaves_fit;
     result = sbl__saved_read(&c->device, scene, &s, get, user, &fault);
@@ -18841,9 +18852,9 @@ static sbl_result sbl__saved_load(sbl__core *c, sbl_read_function get, void *use
         sbl__store_free(&c->device, &s);
         return result;
     }
-    if (s.made_for < s.max_leaves)
+    if (s.made_for < s.scene_leaves)
         sbl__log(&c->base, SBL_LOG_WARNING, SBL_LOG_ITEM_COARSE_STORE, "sbl_load_store: the light was stored with at "
-                 "most %d cells, and this scene may have %d, which would be finer", s.made_for, s.max_leaves);
+                 "most %d cells, and this scene may have %d, which would be finer", s.made_for, s.scene_leaves);
     sbl__bounce_end(c);
     sbl__store_free(&c->device, &scene->store);
     sbl__scene_glows_changed(&c->device, scene);
@@ -22107,7 +22118,7 @@ static sbl_result sbl__prepare(sbl__core *c, const sbl__measurement *s, sbl__sli
     c->stats.scene.bvh_bytes = h->node_table.buffer.bytes + h->triangle_table.buffer.bytes +
                                h->node_table.texels.bytes + h->triangle_table.texels.bytes;
     if (s->options.mode != SBL_MODE_GI) return SBL_SUCCESS;
-    result = sbl__bounce_step(c, slice);
+    result = sbl__bounce_step(c, s->max_bounce_cells, slice);
     return result == SBL_SUCCESS ? sbl__glow_step(&c->device, &c->scene, 0, slice) : result;
 }
 
@@ -22306,6 +22317,7 @@ static sbl_result sbl__map_check(const sbl__core *c, const char *where, const sb
     const int most = c->device.gl.capabilities.max_texture_size;
     const sbl__window window = sbl__window_of(d);
     *measurement = sbl__measurement_of(&d->options, d->sensor_kind, d->sensor_fov);
+    measurement->max_bounce_cells = d->max_bounce_cells;
     measurement->look_rays = d->look_rays ? abs(d->look_rays) : sbl__look_rays(d->target_error);
     measurement->looks = asked ? SBL__MAX_LOOKS : SBL__DEFAULT_LOOKS;
     measurement->looks = SBL__MAX(measurement->looks * sbl__look_rays(d->target_error) / measurement->look_rays, 1);
@@ -22315,11 +22327,6 @@ static sbl_result sbl__map_check(const sbl__core *c, const char *where, const sb
     return SBL_ERROR_UNSUPPORTED;
 }
 
-/* Returns the maximum number of leaves that the store must have for a picture. */
-static int sbl__map_leaves(const sbl__store *s, const sbl_picture_desc *d) {
-    return d->max_bounce_cells > 0 ? SBL__MIN(d->max_bounce_cells, s->leaves_fit) : sbl__bounce_max_leaves(s);
-}
-
 /* Estimates the memory of a map: per working pixel, the refinement and the surfaces; once, the views and, if it is not
    ready, the store. The maximum occurs either during refinement, with the whole G-buffer and the jobs, or afterwards.
    d: with defaults, of the whole picture. own: bytes per working pixel that the front end always adds. late: bytes per
@@ -22327,7 +22334,7 @@ static int sbl__map_leaves(const sbl__store *s, const sbl_picture_desc *d) {
 static sbl__need sbl__map_need(const sbl__core *c, const sbl_picture_desc *d, double own, double late) {
     const sbl__window w = sbl__window_of(d);
     const sbl__store *s = &c->scene.store;
-    const int bounced = d->options.mode == SBL_MODE_GI, leaves = sbl__map_leaves(s, d);
+    const int bounced = d->options.mode == SBL_MODE_GI, leaves = sbl__bounce_leaves(s, d->max_bounce_cells);
     const double tiles = d->tile == 1 ? 2 : SBL__MAP_TILES, sensors = d->tile == 1 ? 1 : SBL__MAP_SENSORS;
     double once = 0, pixel = (double)sizeof(sbl__pixel) + (bounced ? 12 : 0) + own;
     sbl__need need;
@@ -22420,8 +22427,8 @@ static int sbl__map_needs_cells(const sbl__map *m) {
     const sbl__core *c = m->work.core;
     const sbl__store *s = &c->scene.store;
     const double bytes = SBL__BOUNCE_BYTES + SBL__BOUNCE_GROUP_BYTES * c->scene.light_groups;
-    const double most = m->work.foreseen + (s->most_leaves - s->max_leaves) * bytes;
-    return m->refine.stored > SBL__MAP_COARSE * (double)m->desc.target_error && s->max_leaves < s->most_leaves &&
+    const double most = m->work.foreseen + (s->most_leaves - s->scene_leaves) * bytes;
+    return m->refine.stored > SBL__MAP_COARSE * (double)m->desc.target_error && s->scene_leaves < s->most_leaves &&
            (!c->base.budget || most <= (double)c->base.budget);
 }
 
@@ -22473,10 +22480,6 @@ static sbl_result sbl__map_upload(const sbl__map *m, sbl__texture *t, const floa
 /* Prepares hierarchy, lamps and store for the map; if a glimpse must be made first, only hierarchy and lamps. */
 static sbl_result sbl__map_prepare(void *work, sbl__slice *slice) {
     const sbl__map *m = (const sbl__map *)work;
-    const sbl__store *s = &m->work.core->scene.store;
-    const int leaves = sbl__map_leaves(s, &m->desc);
-    if (m->work.measurement.options.mode == SBL_MODE_GI && leaves != sbl__bounce_max_leaves(s))
-        sbl__bounce_refill(m->work.core, leaves);
     return sbl__prepare(m->work.core, sbl__map_owes_glimpse(m) ? &m->glimpse_measurement : &m->work.measurement, slice);
 }
 
@@ -22700,9 +22703,11 @@ static sbl_result sbl__map_refine(void *work, sbl__slice *slice) {
 
 static int sbl__map_after_refine(void *work) {
     sbl__map *m = (sbl__map *)work;
+    sbl__store *s = &m->work.core->scene.store;
     if (m->too_coarse) {
         m->too_coarse = 0;
-        sbl__bounce_refill(m->work.core, m->work.core->scene.store.most_leaves);
+        s->scene_leaves = s->most_leaves;
+        sbl__bounce_refill(m->work.core, s->scene_leaves);
         sbl__map_start_again(m);
         return SBL__MAP_PREPARE;
     }

@@ -222,10 +222,10 @@ static const tool_option table[OPTION_COUNT] = {
                "light, which they load.\n"
                PLAN_AUTO_WORDS },
     [PLAN] = { "--plan", "FILE", TEXT, &options.part.plan, 0, 0, 0,
-               "with --lightmap and --part: FILE holds the windows of all parts, and the mean and the price (the "
-               "least benefit that a measurement must have; see ON PARTS in sbl.h) of the complete map. If FILE "
-               "exists, it is loaded; otherwise a small lightmap is baked, and FILE is made. Parts that are made with "
-               "different graphics drivers must share one FILE" },
+               "with --lightmap and --part: FILE holds the windows of all parts, and the mean, the price (the least "
+               "benefit that a measurement must have) and the number of cells of the complete map, see ON PARTS in "
+               "sbl.h. If FILE exists, it is loaded; otherwise a small lightmap is baked, and FILE is made. Parts that "
+               "are made with different graphics drivers must share one FILE" },
     [JOIN] = { "--join", "FOLDER", TEXT, &options.join, 0, 0, 0,
                "with --lightmap: bakes nothing, but joins the parts in FOLDER (all its .exr files), fills the gutters "
                "and joins the seams. Repeat the options with which the parts were baked, except --part, --plan and "

@@ -30,6 +30,7 @@ static const struct { const char *base, *ending; } other_names[MAP_FILES - ATLAS
 static char *paths[TARGETS_MAX];
 static int folder_is_new;  /* 1: this run created the folder */
 static int map_count;      /* number of maps that this run bakes */
+static int has_maps;       /* 1: the scene has several maps, even if this run bakes only one */
 
 /* Returns the index of the target for one file of a map. */
 static int map_target(int map, int file) { return MAPS + map * MAP_FILES + file; }
@@ -133,6 +134,7 @@ static int find_maps(scene_file *file) {
     if (last > 0 && !given[MAP] && (given[PART] || given[JOIN]))
         return fail("%s: it has %d lightmaps, and %s works with one; choose it: --map 0 to --map %d", common.scene,
                     last + 1, table[given[PART] ? PART : JOIN].name, last);
+    has_maps = last > 0;
     if (!options.lightmap) options.lightmap = file->map_size;  /* --lightmap auto */
     if (!options.lightmap)
         return fail("%s: it does not say how large its map is; give --lightmap a number of texels", common.scene);
@@ -500,7 +502,7 @@ static void describe_lightmap(map_bake *b) {
     if (given[GUTTER]) desc->gutter = (int)zero_or(options.gutter);
     desc->options = common_options(given, &b->bar);
     desc->target_error = (float)options.target_error;
-    if (map_count > 1) desc->max_bounce_cells = -1;  /* runs with other maps of the scene must make the same store */
+    if (has_maps) desc->max_bounce_cells = -1;  /* runs with other maps of the scene must make the same store */
     desc->directional = given[DIRECTIONAL];
     desc->grouped = given[LIGHT_GROUPS];
     desc->supersample = options.supersample;

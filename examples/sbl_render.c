@@ -690,8 +690,8 @@ static int render_windows(shot *s, double *seconds) {
     return DONE;
 }
 
-/* Decides which region is rendered, divides it into windows, and finds the mean, the price and the exposure of the full
-   picture. Returns the exit status. */
+/* Decides which region is rendered, divides it into windows, and finds the mean, the price, the cells and the exposure
+   of the full picture. Returns the exit status. */
 static int divide(shot *s) {
     windows *w = &s->windows;
     w->noun = "picture";
@@ -778,13 +778,16 @@ static int render_shot(shot *s, double *seconds) {
 /* Finds the exposure and the number of cells that all frames share, with a small picture of frame 1 if needed. The
    caller has placed the camera of frame 1. Returns the exit status. */
 static int look_at_frames(shot *s) {
-    const int stores = common_mode(given) == SBL_MODE_GI && !needs_no_light(s->channel);
-    const int has_store = given[STORE] && !s->task->makes_store;
+    const int has_cells = given[MAX_BOUNCE_CELLS] || given[RAYS] || given[THRESHOLD] ||
+        (given[STORE] && !s->task->makes_store);  /* no picture raises the number of cells */
+    const int finds_cells = common_mode(given) == SBL_MODE_GI && !needs_no_light(s->channel) && !has_cells;
+    const int warnings = s->task->said->warnings_kept;
     int exposes, status;
     begin_shot(s);
     exposes = isnan(options.exposure) && (s->desc.auto_exposure || given[WINDOW]);
-    if (!exposes && (!stores || has_store)) return DONE;
+    if (!exposes && !finds_cells) return DONE;
     status = look_at_whole(s, NULL);
+    s->task->said->warnings_kept = warnings;  /* they are about the small picture */
     if (status != DONE) return status;
     if (exposes) sscanf(s->windows.work.facts[FACT_EXPOSURE].text, "%lf", &s->exposure);
     sscanf(s->windows.work.facts[FACT_CELLS].text, "%d", &s->cells);

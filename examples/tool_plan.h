@@ -307,8 +307,10 @@ static int plan_read(plan *p, const char *name, const int size[2]) {
     int i, status = DONE, valid = 1, differs = 0;
     if (!in && errno == ENOENT) return -1;
     if (!in) return fail("%s: it cannot be read: %s", name, scene__why());
-    if (!fgets(line, sizeof line, in) || strcmp(line, PLAN__HEADER))
+    if (!fgets(line, sizeof line, in) || strncmp(line, PLAN__HEADER, 9))
         status = fail("%s: it is not a plan of parts", name);
+    else if (strcmp(line, PLAN__HEADER))
+        status = fail("%s: another version of this program made this plan; remove it, or give another name", name);
     for (i = 0; i < FACT_PART && valid && status == DONE; i++) {
         const size_t length = strlen(fact_names[i]);
         const char *value = line + length + 1;

@@ -189,10 +189,10 @@ enum {
     [MAX_BOUNCE_CELLS] = { "--max-bounce-cells", "N", INTEGERS, &common.max_bounce_cells, 1, 1024, 1048576, \
                         "maximum number of cells that store bounced light, in mode gi; each needs about 4 KB of " \
                         "memory. Default: 1.5 per triangle, limited to 49152..196608, or 196608 if the error of " \
-                        "stored light exceeds 1.5 times the target error (but not with parts, frames or several " \
-                        "lightmaps). " \
-                        "Use more if light comes through gaps, or if geometry is fine. --bounce-samples is a " \
-                        "synonym", \
+                        "stored light exceeds 1.5 times the target error (but not if the scene has several " \
+                        "lightmaps). For parts, a small picture of the whole decides this, and for frames one of " \
+                        "frame 1. Use more if light comes through gaps, or if geometry is fine. --bounce-samples is " \
+                        "a synonym", \
                         .synonym = "--bounce-samples" }, \
     [EPSILON]       = { "--epsilon", "E", NUMBERS, &common.epsilon, 1, 0, 1e30, \
                         "the epsilon of mode" TOOL__PAPER("s paper and") \
@@ -652,15 +652,18 @@ static int tool__work(const scene_file *file, const scene_file *sky, tool_task *
     tool_worker worker, tool_arranger arrange) {
     sbl_scene_desc scene = common_scene(file, sky, given);
     totals all = { task, 0 };
-    int status;
+    int status, loaded;
     task->scene = &scene;
     status = set_scene(task);
     if (status == DONE && arrange) status = arrange(task, &scene);
     if (status == DONE && interrupted) return stop("no " TOOL_MAKES " was started");
     if (status == DONE) detail_light(&scene);
     if (status == DONE) status = load_store(task, given);
+    loaded = common.store && !task->makes_store;
     if (status == DONE) status = worker(task, &all.seconds);
     if (!task->has_stats) task->stats = sbl_query_stats(task->context);
+    if (status == DONE && loaded && task->stats.store.rays > 0 && !given[QUIET])
+        warn("--store %s: its light was not used, because this work needs another number of cells", common.store);
     if (status == DONE) detail_choices(task);
     if (status == DONE && common.stats) status = keep_stats(&all);
     if (status == DONE) status = keep_store(task, given);

@@ -174,7 +174,10 @@ static int windows__begin_folder(const windows *w) {
    set before. Returns the exit status. */
 static int windows_choose(windows *w) {
     int status = DONE, found = 0;
-    if (w->part) status = windows__find_part(w);
+    if (w->part) {
+        status = windows__find_part(w);
+        if (status == DONE) w->use(w->user);  /* the number of cells decides how much memory the store needs */
+    }
     if (status == DONE) status = windows__divide(w);
     if (status != DONE || (w->work.count == 1 && !w->part && !w->by_hand)) return status;
     if (w->work.count > 1) {

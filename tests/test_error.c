@@ -492,6 +492,17 @@ TEST(of_coarse_stores) {
     scene_free(&s);
 }
 
+/* Changes the light of the scene a little. Returns 0 on failure. */
+static int light_changes(const test_scene *s) {
+    static sbl_material materials[sizeof s->materials / sizeof s->materials[0]];
+    static float times = 1;
+    int i, k;
+    memcpy(materials, s->materials, sizeof materials);
+    times *= 1.01f;
+    for (i = 0; i < s->material_count; i++) for (k = 0; k < 3; k++) materials[i].emission[k] *= times;
+    return sbl_set_materials(context, materials, s->material_count) == SBL_SUCCESS;
+}
+
 /* A picture that sets max_bounce_cells has the light of this number of cells, to the bit, as if the scene had set it.
    The store is made again only if its number is another. Such a picture does not raise the number. */
 TEST(of_stores_for_windows) {
@@ -522,6 +533,17 @@ TEST(of_stores_for_windows) {
               (double)stats.store.rays);
         free(light);
     }
+    REQUIRE(light_changes(&s), "the light cannot be changed");  /* then the store is made for the number of the scene,
+                                                                  also after an unfinished picture with another */
+    view.max_bounce_cells = 0;
+    CHECK(sbl_render_picture(context, &view) == SBL_SUCCESS && sbl_query_stats(context).store.max_cells == FEW,
+          "after other lights: %d cells at most", sbl_query_stats(context).store.max_cells);
+    view.max_bounce_cells = MANY;
+    REQUIRE(sbl_begin_picture(context, &view) == SBL_SUCCESS, "the picture cannot begin");
+    for (i = 0; i < 12; i++) sbl_step(context, 1e-9);
+    view.max_bounce_cells = 0;
+    CHECK(sbl_render_picture(context, &view) == SBL_SUCCESS && sbl_query_stats(context).store.max_cells == FEW,
+          "after an unfinished picture: %d cells at most", sbl_query_stats(context).store.max_cells);
     view.target_error = 0.001f;
     view.max_bounce_cells = FEW;
     free(coarse_picture(&s, &view, FEW, MANY, 0));

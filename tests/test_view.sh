@@ -126,8 +126,7 @@ keys_change_the_title() {
         xdo key minus minus && titled "$(stops_more -0.25)," && xdo key x && titled ' (auto), '
 }
 direct_light_by_key() {
-    titled ' - 100 %' && sleep 0.3 && shot all && count=$(grep -c 'picture is finished' "$folder/err") && xdo key m &&
-        finished $((count + 1)) && shot direct && screen differ "$folder/all.ppm" "$folder/direct.ppm" 5
+    titled ' - 100 %' && sleep 0.3 && shot all && xdo key m && becomes differ all 5
 }
 exposure() { xdo getwindowname "$window" | sed 's/.*exposure \([-+0-9.]*\).*/\1/'; }
 stops_more() { awk -v stops="$stops" -v more="$1" 'BEGIN { printf "exposure %+.2f\n", stops + more }'; }
@@ -137,12 +136,20 @@ light_moves() {
         finished 2 && xdo key l key l key l && sleep 0.3 && shot moved &&
         screen differ "$folder/lamps.ppm" "$folder/moved.ppm" 1
 }
-# Factors of 1/2 and 2 cancel out exactly.
+# becomes RELATION NAME NUMBERS...: waits until the window is "same" as or "differ"s from the picture NAME
+becomes() {
+    relation=$1 picture=$2 tries=0
+    shift 2
+    until shot now && screen "$relation" "$folder/$picture.ppm" "$folder/now.ppm" "$@"; do
+        tries=$((tries + 1))
+        [ $tries -lt 200 ] && kill -0 "$viewer" 2> /dev/null || return 1
+        sleep 0.1
+    done
+}
+# Factors of 1/2 and 2 cancel out exactly. Without a light, no light is marked.
 light_is_dimmed() {
-    xdo key l key comma key comma key comma && finished 3 && xdo key l key l key l && sleep 0.3 && shot dimmed &&
-        screen differ "$folder/moved.ppm" "$folder/dimmed.ppm" 1 && xdo key l key period key period key period &&
-        finished 4 && xdo key l key l key l && sleep 0.3 && shot again &&
-        screen same "$folder/moved.ppm" "$folder/again.ppm"
+    xdo key l key comma key comma key comma key l key l key l && becomes differ moved 1 &&
+        xdo key l key period key period key period key l key l key l && becomes same moved
 }
 saves_under_new_names() {
     xdo key s && said "$folder/out" '^saved sbl_view_1.png' 1 && xdo key s &&
@@ -152,8 +159,9 @@ saves_under_new_names() {
 light_is_dragged() {
     xdo key c && said "$folder/out" '^--eye' 1 && xdo key l && sleep 0.3 && shot marked &&
         at=$(marked_at "$folder/moved.ppm" "$folder/marked.ppm") && [ -n "$at" ] &&
-        xdo mousemove $at mousedown 1 mousemove_relative 20 0 mousemove_relative 20 0 mouseup 1 && finished 5 &&
-        xdo key l key l key l && sleep 0.3 && shot dragged &&
+        count=$(grep -c 'picture is finished' "$folder/err") &&
+        xdo mousemove $at mousedown 1 mousemove_relative 20 0 mousemove_relative 20 0 mouseup 1 &&
+        finished $((count + 1)) && xdo key l key l key l && sleep 0.3 && shot dragged &&
         screen differ "$folder/moved.ppm" "$folder/dragged.ppm" 1 && xdo key c && said "$folder/out" '^--eye' 2 &&
         [ "$(grep '^--eye' "$folder/out" | sort -u | wc -l)" = 1 ] && ends  # all printed cameras are the same
 }

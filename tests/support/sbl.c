@@ -22,7 +22,7 @@ int inside_near_points(const sbl_context *context) {
     return count;
 }
 void inside_limit_cells(sbl_context *context, int usual, int most) {
-    context->core.scene.store.max_leaves = usual;
+    context->core.scene.store.scene_leaves = usual;
     context->core.scene.store.most_leaves = most;
 }
 int inside_most_cells(const sbl_context *context) { return context->core.scene.store.most_leaves; }
