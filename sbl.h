@@ -351,11 +351,10 @@
    By default, the first picture or lightmap that uses the store checks it after its first round of sensors: if the
    error of stored light alone exceeds 1.5 times the target error, the store is made again with up to 196608 cells, and
    the picture starts again. All later work uses this store, until the next sbl_set_scene or a picture that sets another
-   number. Windows and pictures with a
-   price, a threshold, options.rays or max_bounce_cells do not check the store, and it is not made again if the larger
-   store would exceed sbl_context_desc.memory_budget. Set the number yourself if several processes must make the same
-   store, if stored light still limits the error, or if light looks patchy; lower it for a quick preview. It does not
-   change the grain of single pixels, which a smaller target_error reduces.
+   number. Windows and pictures with a price, a threshold, options.rays or max_bounce_cells do not check the store, and
+   it is not made again if the larger store would exceed sbl_context_desc.memory_budget. Set the number yourself if
+   several processes must make the same store, if stored light still limits the error, or if light looks patchy; lower
+   it for a quick preview. It does not change the grain of single pixels, which a smaller target_error reduces.
 
    Accuracy at default settings, measured against an independent path tracer (relative root mean square error of R, in
    blocks of 4 x 4 pixels): 0.8 % in the Cornell box, in a staircase room with 130 emitting triangles, and in a room
@@ -840,8 +839,8 @@
    a pixel of the whole picture.
 
    What windows must share: all windows of a picture should have five things in common. A small picture of the whole,
-   which has the same target error, supplies them. Its width or height should be a quarter of the whole, but
-   at least 192 pixels (or the size of the whole, if that is less) and at most 512:
+   which has the same target error, supplies them. Its width or height should be a quarter of the whole, but at least
+   192 pixels (or the size of the whole, if that is less) and at most 512:
 
        mean       copy sbl_stats.picture.mean_radiance of the small picture into mean_radiance of the windows, so that
                   target_error is a fraction of the mean R of the whole picture. Otherwise it is a fraction of each
