@@ -8069,10 +8069,10 @@ typedef struct sbl__store {
                                   scene has no light groups */
     sbl__bright_cell *bright;  /* all cells with bright leaves, in the order of sbl__bright_order */
     int cut_count, cut_capacity, leaf_count, leaf_capacity, bright_count;
-    int max_leaves;            /* maximum number of leaves while the store is filled, see sbl__bounce_leaves */
-    int scene_leaves;          /* the same unless a picture sets another number; from sbl_scene_desc.max_bounce_cells */
+    int max_leaves;            /* maximum number of leaves of the filling that was begun last */
+    int scene_leaves;          /* the same if a picture sets no number, from sbl_scene_desc.max_bounce_cells */
     int most_leaves;           /* a picture that finds the store too coarse raises scene_leaves to this */
-    int leaves_fit;            /* number of leaves that fit the driver's textures; limits all these numbers */
+    int leaves_fit;            /* number of leaves that fit the driver's textures; limits the other three numbers */
     int unjudged;              /* 1: the next picture that can will decide whether the store needs more cells, see
                                   sbl__map_judges_store */
     int unseen_level;          /* lowest level for cells of surface samples whose rays hit nothing */
@@ -18502,8 +18502,8 @@ static sbl__bounce *sbl__bounce_resume(sbl__core *c) {
 
 static const sbl__stage_row sbl__bounce_stages[] = { SBL__BOUNCE_STAGES(SBL__STAGE_ROW) };
 
-/* Returns the maximum number of leaves that the store must have. cells: see sbl__measurement.max_bounce_cells. A ready
-   store stays, unless another number is asked for. */
+/* Returns the maximum number of leaves with which the store must be made. cells: the number that a measurement sets,
+   see sbl__measurement.max_bounce_cells. If it sets none, a ready store stays as it is. */
 static int sbl__bounce_leaves(const sbl__store *s, int cells) {
     if (cells <= 0) return s->ready ? s->made_for : s->scene_leaves;
     return s->ready && s->made_for == cells ? cells : SBL__MIN(cells, s->leaves_fit);

@@ -533,7 +533,7 @@ typedef struct shot {
     windows windows;      /* the region of the output and its windows */
     image picture;        /* the window that was rendered last */
     double exposure;      /* common exposure of all frames in stops; NaN: each picture is exposed by itself */
-    int cells;            /* common max_bounce_cells of all frames */
+    int cells;            /* max_bounce_cells of all frames; 0: no frame sets it */
 } shot;
 
 /* Returns the exit status for a signal that came before any picture existed. */

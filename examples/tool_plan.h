@@ -216,11 +216,14 @@ static void plan_set(plan *p, const sbl_stats *stats, double shrink) {
     plan_fact(p, FACT_CELLS, "%d", stats->store.max_cells);
 }
 
+/* Returns 1 if the function `look` finds this fact with a small version of the result (see tool_windows.h). Runs know
+   the other facts before. */
 static int plan__comes_from_look(int fact) {
     return fact == FACT_MEAN || fact == FACT_PRICE || fact == FACT_CELLS || fact == FACT_EXPOSURE;
 }
 
-/* Returns 1 if the text of a fact has the form that plan_set or `look` writes. */
+/* Checks a fact that was read from a plan and comes from `look`. Returns 1 if its text consists of the right numbers,
+   and if these are in their ranges. */
 static int plan__is_valid(int fact, const char *text) {
     const int count = fact == FACT_MEAN ? 6 : fact == FACT_PRICE ? 2 : 1;
     double numbers[6] = { 0, 0, 0, 0, 0, 0 };

@@ -38,8 +38,8 @@ typedef struct windows {
     int looked;                   /* 1: `look` was called, so the bounced light is known */
 } windows;
 
-/* Finishes the small version that `look` has begun, and sets the facts that come from it, except the exposure, and, if
-   cost is not NULL, the cost. shrink: reduction factor of the small version */
+/* Finishes the small version that `look` has begun. Sets the facts that come from it, except the exposure. If cost is
+   not NULL, sets the cost, too. shrink: reduction factor of the small version */
 static sbl_result windows_look(windows *w, double shrink, plan_cost *cost) {
     sbl_context *context = w->task->context;
     sbl_result result = work(context);

@@ -503,8 +503,9 @@ static int light_changes(const test_scene *s) {
     return sbl_set_materials(context, materials, s->material_count) == SBL_SUCCESS;
 }
 
-/* A picture that sets max_bounce_cells has the light of this number of cells, to the bit, as if the scene had set it.
-   The store is made again only if its number is another. Such a picture does not raise the number. */
+/* If a picture sets max_bounce_cells, its light is the same, to the bit, as if the scene had set this number. The store
+   is made again only if it was made with another number. The picture does not raise its number, and later pictures have
+   the number of the scene again when the store must be made. */
 TEST(of_stores_for_windows) {
     enum { FEW = 1500, MANY = 3000, SIDE = 16, FLOATS = 3 * SIDE * SIDE };
     static const int numbers[] = { MANY, MANY, 0, -1, FEW, MANY };  /* of pictures, one after the other */
@@ -533,8 +534,7 @@ TEST(of_stores_for_windows) {
               (double)stats.store.rays);
         free(light);
     }
-    REQUIRE(light_changes(&s), "the light cannot be changed");  /* then the store is made for the number of the scene,
-                                                                  also after an unfinished picture with another */
+    REQUIRE(light_changes(&s), "the light cannot be changed");
     view.max_bounce_cells = 0;
     CHECK(sbl_render_picture(context, &view) == SBL_SUCCESS && sbl_query_stats(context).store.max_cells == FEW,
           "after other lights: %d cells at most", sbl_query_stats(context).store.max_cells);
@@ -554,7 +554,8 @@ TEST(of_stores_for_windows) {
     scene_free(&s);
 }
 
-/* A picture with guided looks and sensors at all pixels, of which the host reads a preview, is also made again. */
+/* A picture is also made again if its looks are guided, if it has a sensor at each pixel, and if the host has read a
+   preview of it. */
 TEST(of_coarse_stores_with_guides) {
     test_scene s = { 0 };
     sbl_picture_desc view = scene_view(31, 33, 40, 0.3f, 0.5f, 0.3f, 0, -1, 0);

@@ -447,8 +447,8 @@ TEST(an_animated_camera_moves) {
     last_key = 1;
 }
 
-/* A rotating node carries the camera below it along the shorter arc, at a constant rate. A node scales first, and then
-   rotates. */
+/* The camera is a child of a rotating node. Between two keys, the node takes the shorter of the two possible rotations,
+   at a constant rate. The scale of a node is applied before its rotation. */
 TEST(an_animated_camera_turns) {
     static const float zero[4] = { 0, 0, 0, 1 }, turned[4] = { 0, -0.70710678f, 0, -0.70710678f };  /* 90 degrees */
     static const float tilted[4] = { 0, 0, 0.25881905f, 0.96592583f };  /* 30 degrees */

@@ -125,7 +125,8 @@ TEST(memory_of_lightmaps_is_predicted) {
     }
 }
 
-/* The need of a picture includes the store only if it must be made, for the number of cells that the picture sets. */
+/* The predicted memory of a picture includes the store only if the store must be made. It then grows with the number of
+   cells that the picture sets. */
 TEST(stores_count_if_they_are_made) {
     enum { FEW = 1024, MANY = 4096, PER_CELL = 2600 };
     sbl_context *context = make_context(0, FEW);

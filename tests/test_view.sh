@@ -146,7 +146,7 @@ becomes() {
         sleep 0.1
     done
 }
-# Factors of 1/2 and 2 cancel out exactly. Without a light, no light is marked.
+# Three keys halve the light three times, and three others double it again, so that it is exactly the same.
 light_is_dimmed() {
     xdo key l key comma key comma key comma key l key l key l && becomes differ moved 1 &&
         xdo key l key period key period key period key l key l key l && becomes same moved

@@ -410,9 +410,9 @@ static v3 truth_emit(const truth *t, v3 eye, uint64_t *random, v3 *normal, doubl
     return p;
 }
 
-/* Adds light that arrives at a surface to the pixel that shows this point, if the camera sees it. n: normal on the side
-   where the light arrives. power: what arrives. R of the pixel grows by power / pi, divided by the area that the pixel
-   shows. */
+/* Adds the light that arrives at the point p of a surface to the pixel that shows this point, if the camera sees it. n:
+   normal on the side where the light arrives. power: the light that arrives. R of the pixel grows by power / pi,
+   divided by the area that the pixel shows. */
 static void truth_show(const truth *t, const truth_camera *c, v3 p, v3 n, const double power[3], double *sums) {
     const float *m = c->view->world_to_view;
     const int size[2] = { c->view->width, c->view->height };
