@@ -427,9 +427,10 @@
    what the mirrors on the way reflect and the panes pass. The picture therefore never contains SPECULAR of a mirror
    itself. Where a mirror shows only sky, the channels are those of the mirror, with ALBEDO and SPECULAR_ALBEDO 0.
 
-   Blurred mirrors: if a material (without its texture) is a mirror of a roughness of 0.05 or more, FINAL has at least
-   16 anti-aliasing samples per pixel, which blur what these mirrors show. The same applies to scenes with a pane and
-   metal of a roughness of 0.05 to 0.16. All these samples lie at the pixel's centre if sbl_picture_desc.samples is 1.
+   Blurred mirrors: in FINAL, pixels whose centres show a mirror of a roughness of 0.05 or more have at least 15
+   anti-aliasing samples, which blur what the mirror shows; the material without its texture must be such a mirror, too.
+   The same applies to pixels of panes that mirror metal of a roughness of 0.05 to 0.16. All these samples lie at the
+   pixel's centre if sbl_picture_desc.samples is 1.
 
    Panes: a pixel shows what is behind a surface if the surface passes half of the light or more. The pane's own diffuse
    component shows the stored light. The surfaces that a pane mirrors also show their stored light, with two exceptions:
@@ -1449,8 +1450,8 @@ typedef struct sbl_picture_desc {
                                   mixture. Surfaces with a normal texture, or with a lobe of a roughness below 0.6,
                                   always use shading normals. Default: 2. Negative: shading normals on all triangles */
     int filter_radius;         /* radius of the Gaussian filter, up to 32 pixels. Default: 2. Negative: no filter */
-    int samples;               /* anti-aliasing samples per pixel of SBL_CHANNEL_FINAL, 1 to 64 (mirrors may raise it,
-                                  see ON REFLECTIONS). Default: 1 / 4 / 16 */
+    int samples;               /* anti-aliasing samples per pixel of SBL_CHANNEL_FINAL, 1 to 64 (more in blurred
+                                  mirrors, see ON REFLECTIONS). Default: 1 / 4 / 16 */
     sbl_tone tone;             /* how SBL_CHANNEL_DISPLAY is made. Default: SBL_TONE_NONE */
     float exposure;            /* stops, -100 to 100: each doubles the radiance that `tone` maps. Default: 0 */
     int auto_exposure;         /* 1: measures the picture and adds the stops that suit it, see ON SCREENS; without a
@@ -4154,10 +4155,11 @@ static double sbl__pace_begin(sbl__pace *p, const sbl__slice *s, double first, d
 
 #define SBL__PACE_PIXELS 16384  /* number of pixels in the first submission of a pass, while the cost is unknown */
 
-/* Calls sbl__pace_begin for a pass over a target, in pixels. Returns the number of rows to draw, from `row` on. */
-static int sbl__pace_rows(sbl__pace *p, const sbl__slice *s, const sbl__target *t, int row) {
-    const double rows = sbl__pace_begin(p, s, SBL__PACE_PIXELS, t->width) / t->width;
-    return rows < t->height - row ? (int)rows : t->height - row;
+/* Calls sbl__pace_begin for a pass over an area of the given width, in pixels. Returns the number of rows to draw, at
+   most `left`. */
+static int sbl__pace_rows(sbl__pace *p, const sbl__slice *s, int width, int left) {
+    const double rows = sbl__pace_begin(p, s, SBL__PACE_PIXELS, width) / width;
+    return rows < left ? (int)rows : left;
 }
 
 /* Submits the commands so far, and does not wait for them. */
@@ -10636,6 +10638,7 @@ typedef struct sbl__surface_request {
     int bounced;               /* 1: also write the stored R (bounced light), see gbuffer_fragment.glsl */
     int has_lobes;             /* 1: the G-buffer has the textures SBL__GBUFFER_LOBES; 0: all surfaces are matte */
     const sbl__window *window;  /* only the pixels that this window shows get surface points; NULL: all pixels */
+    const int *area;           /* only pixels in this area get surface points: x, y, width, height; NULL: all pixels */
     sbl__atlas *atlas;         /* the lightmap's atlas; NULL: draw a picture's G-buffer with `camera` */
 } sbl__surface_request;
 
@@ -10946,7 +10949,7 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "layout(location = 0) out vec4 out_position;          // w: sbl_Surface.reach, see surface.glsl\n",
 "layout(location = 1) out vec4 out_normal;\n",
 "layout(location = 2) out vec4 out_geometric_normal;\n",
-"layout(location = 3) out vec4 out_albedo;\n",
+"layout(location = 3) out vec4 out_albedo;            // w: 2: samples blur the pixel (blurs_pixel); otherwise 1\n",
 "layout(location = 4) out vec4 out_emission;\n",
 "layout(location = 5) out uint out_id;\n",
 "#ifdef SBL_SPECULAR\n",
@@ -11004,6 +11007,7 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "uniform float ray_start;                // a camera ray begins at its origin + ray_start * its direction\n",
 "uniform bool draws_sample;              // true: the pass draws an anti-aliasing sample; false: the pixels' centres\n",
 "uniform vec2 sample_point;              // random point of the sample in the unit square, see sbl_mirrored\n",
+"bool blurs_pixel = false;               // true: a mirror on the way blurs what anti-aliasing samples show\n",
 "const vec2 SBL_POINT_STEP = vec2(0.377, 0.285);  // distance between the points of successive rays, see sbl_follow\n",
 "// Two rays leave each mirror and each pane: the main ray `next`, and the ray `aside`, see sbl_leave_surface.\n",
 "const int SBL_ASIDE_MIRRORS = 3;        // the ray `aside` is reflected by at most this many surfaces of metal\n",
@@ -11083,8 +11087,9 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "vec3 sbl_mirrored(sbl_Surface s, vec3 direction, vec2 point, inout vec3 weight) {\n",
 "    vec3 mirrored = direction - 2.0 * dot(s.normal, direction) * s.normal;\n",
 "#ifdef SBL_MIRRORS_BLUR\n",
-"    bool blurs = draws_sample && sbl_is_mirror(s.material) && s.material.roughness >= SBL_MIRROR;\n",
-"    for (int once = 0; once < (blurs ? 1 : 0); once++) {\n",
+"    bool blurs = sbl_is_mirror(s.material) && s.material.roughness >= SBL_MIRROR;\n",
+"    blurs_pixel = blurs_pixel || blurs;\n",
+"    for (int once = 0; once < (blurs && draws_sample ? 1 : 0); once++) {\n",
 "        sbl_Lobe l = sbl_lobe_of(s.normal, -direction, s.material.reflectance, s.material.roughness);\n",
 "        mirrored = sbl_lobe_sample(l, point, weight);\n",
 "        weight *= s.material.opacity;\n",
@@ -11141,9 +11146,9 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "    vec3 weight = reflects ? sbl_lobe_reflected(s.material, cosine, ray.weight) : vec3(0);\n",
 "    vec3 direction = ray.direction - 2.0 * dot(s.normal, ray.direction) * s.normal;\n",
 "#ifdef SBL_MIRRORS_BLUR\n",
-"    bool blurs = reflects && draws_sample && s.material.roughness >= SBL_MIRROR &&\n",
-"                 s.material.roughness < SBL_POLISHED;\n",
-"    for (int once = 0; once < (blurs ? 1 : 0); once++) {\n",
+"    bool blurs = reflects && s.material.roughness >= SBL_MIRROR && s.material.roughness < SBL_POLISHED;\n",
+"    blurs_pixel = blurs_pixel || blurs;\n",
+"    for (int once = 0; once < (blurs && draws_sample ? 1 : 0); once++) {\n",
 "        sbl_Lobe l = sbl_lobe_of(s.normal, -ray.direction, s.material.reflectance, s.material.roughness);\n",
 "        direction = sbl_lobe_sample(l, point, weight);\n",
 "        weight *= s.material.opacity * ray.weight;\n",
@@ -11317,7 +11322,7 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "        }\n",
 "        out_specular = vec4(seen.throughput * out_specular.rgb, seen.stored);\n",
 "        shown *= seen.throughput;\n",
-"        out_albedo = vec4(shown, 1);\n",
+"        out_albedo = vec4(shown, blurs_pixel ? 2 : 1);\n",
 "        out_emission.rgb = seen.emission + seen.throughput * out_emission.rgb;\n",
 "#endif\n",
 "#ifdef SBL_BOUNCED\n",
@@ -11413,8 +11418,10 @@ static sbl_result sbl__surface_points(void *work, sbl__slice *slice) {
     const unsigned matte = ~(unsigned)(request->atlas ? SBL__CUTOUTS : SBL__CUTOUTS | SBL__SPECULAR);
     /* Without lobes, the program traces no rays, and thus needs no code for holes in the surfaces that rays meet. */
     const unsigned features = request->scene->features & (request->has_lobes ? ~0u : matte);
-    const int rows = sbl__pace_rows(&s->point_pace, slice, target, s->stages.at);
-    const int area[4] = { 0, s->stages.at, target->width, rows };
+    const int whole[4] = { 0, 0, target->width, target->height };
+    const int *all = request->area ? request->area : whole;
+    const int rows = sbl__pace_rows(&s->point_pace, slice, all[2], all[3] - s->stages.at);
+    const int area[4] = { all[0], all[1] + s->stages.at, all[2], rows };
     sbl_result result = sbl__use(d, &sbl__recipe_gbuffer, features | bounced | lightmap);
     int scissor[4];
     if (result != SBL_SUCCESS) return result;
@@ -11437,9 +11444,9 @@ static sbl_result sbl__surface_points(void *work, sbl__slice *slice) {
     sbl__camera_set(d, request->camera, request->offset);
     sbl__set_float(d, "facet_limit", request->camera->facet_limit * sbl__facet_unit(request->atlas));
     sbl__draw_screen(d);
-    result = sbl__pace_end(d, &s->point_pace, (double)rows * target->width);
+    result = sbl__pace_end(d, &s->point_pace, (double)rows * all[2]);
     s->stages.at += rows;
-    return result == SBL_SUCCESS && s->stages.at < target->height ? SBL_UNFINISHED : result;
+    return result == SBL_SUCCESS && s->stages.at < all[3] ? SBL_UNFINISHED : result;
 }
 
 /* Calls the host's draw callback, if any, to draw over the G-buffer. */
@@ -21451,6 +21458,8 @@ static const char *const sbl__glsl_resolve[] = {
 "uniform sampler2D radiance;                 // R (irradiance / pi) at pixel centres\n",
 "#ifdef SBL_SPECULAR\n",
 "uniform sampler2D reflected;                // mean radiance in the specular lobe, at pixel centres\n",
+"uniform sampler2D albedo;                   // at pixel centres; w: see gbuffer_fragment.glsl\n",
+"uniform bool only_blurred;                  // true: only pixels that samples blur get this sample\n",
 "uniform sampler2D sample_specular;          // albedo of the specular lobe\n",
 "#endif\n",
 "uniform sampler2D positions, normals;       // at pixel centres\n",
@@ -21458,12 +21467,12 @@ static const char *const sbl__glsl_resolve[] = {
 "uniform sampler2D sample_positions, sample_normals, sample_albedo, sample_emission;\n",
 "uniform usampler2D sample_ids;\n",
 "uniform vec2 offset;                        // position of the sample relative to the pixel's centre, in pixels\n",
-"uniform sampler2D previous;                 // sum of the previous samples, each times `sample_weight`\n",
-"uniform int has_previous;                   // 0: this is the first sample\n",
-"uniform float sample_weight;                // 1 / number of samples per pixel\n",
+"uniform sampler2D previous;                 // weighted sum of the previous samples\n",
+"uniform float previous_weight;              // factor of `previous`; 0: this is the first sample\n",
+"uniform float sample_weight;                // weight of this sample\n",
 "layout(location = 0) out vec4 out_color;\n",
 "#ifdef SBL_DISPLAY\n",
-"uniform sampler2D previous_display;         // like `previous`, for the colour on the screen\n",
+"uniform sampler2D previous_display;         // like `previous`, for the colour on a screen\n",
 "uniform vec3 backdrop;                      // sbl_picture_desc.backdrop\n",
 "uniform float first_row;                    // index in the whole picture of this part's first row\n",
 "uniform float height;                       // number of rows of the whole picture\n",
@@ -21511,8 +21520,12 @@ static const char *const sbl__glsl_resolve[] = {
 "\n",
 "void main() {\n",
 "    ivec2 at = ivec2(gl_FragCoord.xy);\n",
+"#ifdef SBL_SPECULAR\n",
+"    if (only_blurred && texelFetch(albedo, at, 0).w < 1.5) discard;\n",
+"#endif\n",
 "    uint id = texelFetch(sample_ids, at, 0).x;\n",
-"    vec4 before = has_previous == 0 ? vec4(0) : texelFetch(previous, at, 0);\n",
+"    bool first = previous_weight == 0.0;\n",
+"    vec4 before = first ? vec4(0) : previous_weight * texelFetch(previous, at, 0);\n",
 "    vec3 color;\n",
 "    if (id == 0u) color = sky + sbl_sky_smooth(sbl_camera_direction());\n",
 "    else {\n",
@@ -21527,7 +21540,7 @@ static const char *const sbl__glsl_resolve[] = {
 "    }\n",
 "    out_color = before + sample_weight * vec4(color, 1);\n",
 "#ifdef SBL_DISPLAY\n",
-"    vec4 shown_before = has_previous == 0 ? vec4(0) : texelFetch(previous_display, at, 0);\n",
+"    vec4 shown_before = first ? vec4(0) : previous_weight * texelFetch(previous_display, at, 0);\n",
 "    float fade = mix(SBL_BACKDROP_TOP, 1.0, (gl_FragCoord.y + first_row) / height);\n",
 "    vec3 least = id == 0u ? fade * backdrop : vec3(0);\n",
 "    out_display = shown_before + sample_weight * vec4(max(sbl_shown(color), least), 1);\n",
@@ -21557,11 +21570,12 @@ typedef struct sbl__resolve {
     const sbl__texture *emission;          /* emission of the sample */
     const sbl__texture *radiance;          /* R (irradiance / pi) at pixel centres */
     const sbl__texture *reflected;         /* light in specular lobes at pixel centres; NULL: all materials are matte */
-    const sbl__texture *previous;          /* [0]: sum of the previous samples, each divided by `count`; [1]: the same
-                                              for the colour on a screen, if `tone` requests it */
+    const sbl__texture *previous;          /* [0]: weighted sum of the previous samples; [1]: the same for the colour on
+                                              a screen, if `tone` requests it */
     const sbl__environment *environment;
     const sbl__camera *camera;
-    int index, count;                      /* index of the anti-aliasing sample; number of samples */
+    int index, count;                      /* index of the anti-aliasing sample; number of samples of each pixel.
+                                              Samples of an index from `count` on only exist in blurred pixels */
     float offset[2];                       /* position of the sample relative to the pixel's centre, in pixels */
     sbl_tone tone;                         /* SBL_TONE_NONE: only radiance is composed */
     float stops;                           /* exposure of the colour on a screen, in stops */
@@ -21569,12 +21583,13 @@ typedef struct sbl__resolve {
     const sbl__window *window;             /* position of the working grid in the whole picture */
 } sbl__resolve;
 
-/* Writes r->previous (0 for sample 0) + sample / r->count to rows of `out`, for pixels that the window shows. rows:
-   first row, number of rows */
-static sbl_result sbl__resolve_draw(sbl__device *d, const sbl__resolve *r, const sbl__target *out, const int rows[2]) {
-    const int shown = r->tone != SBL_TONE_NONE;
+/* Writes the weighted sum of r->previous and the sample to an area of `out` (x, y, width, height), for pixels that the
+   window shows: up to sample r->count - 1, the sum of samples / r->count; from then on, in blurred pixels, the mean of
+   all samples so far. */
+static sbl_result sbl__resolve_draw(sbl__device *d, const sbl__resolve *r, const sbl__target *out, const int area[4]) {
+    const int shown = r->tone != SBL_TONE_NONE, only_blurred = r->index >= r->count;
     const unsigned features = (shown ? (unsigned)SBL__DISPLAY : 0) | (r->reflected ? (unsigned)SBL__SPECULAR : 0);
-    const int area[4] = { 0, rows[0], out->width, rows[1] };
+    const float weight = 1.0f / (float)(only_blurred ? r->index + 1 : r->count);
     const sbl_result result = sbl__use(d, &sbl__recipe_resolve, features);
     int scissor[4];
     if (result != SBL_SUCCESS) return result;
@@ -21583,6 +21598,8 @@ static sbl_result sbl__resolve_draw(sbl__device *d, const sbl__resolve *r, const
     if (r->reflected) {
         sbl__bind(d, "reflected", r->reflected);
         sbl__bind(d, "sample_specular", &r->sample->textures[SBL__GBUFFER_SPECULAR]);
+        sbl__bind(d, "albedo", &r->centres->textures[SBL__GBUFFER_ALBEDO]);
+        sbl__set_int(d, "only_blurred", only_blurred);
     }
     sbl__bind(d, "positions", &r->centres->textures[SBL__GBUFFER_POSITION]);
     sbl__bind(d, "normals", &r->centres->textures[SBL__GBUFFER_NORMAL]);
@@ -21604,8 +21621,8 @@ static sbl_result sbl__resolve_draw(sbl__device *d, const sbl__resolve *r, const
     sbl__environment_bind(d, r->environment);
     sbl__camera_set(d, r->camera, r->offset);
     sbl__set_vec2(d, "offset", r->offset[0], r->offset[1]);
-    sbl__set_int(d, "has_previous", r->index > 0);
-    sbl__set_float(d, "sample_weight", 1.0f / (float)r->count);
+    sbl__set_float(d, "previous_weight", only_blurred ? 1 - weight : r->index > 0 ? 1.0f : 0.0f);
+    sbl__set_float(d, "sample_weight", weight);
     sbl__draw_screen(d);
     return SBL_SUCCESS;
 }
@@ -22490,9 +22507,10 @@ static int sbl__map_after_prepare(void *work) {
     return SBL__MAP_SURFACE;
 }
 
-/* Draws a piece of a G-buffer. Returns SBL_SUCCESS when it is complete. sample, offset: see sbl__surface_request */
+/* Draws a piece of a G-buffer. Returns SBL_SUCCESS when it is complete. sample, offset, area: see
+   sbl__surface_request */
 static sbl_result sbl__map_draw_surface(sbl__map *m, const sbl__gbuffer *g, int sample, const float offset[2],
-                                        sbl__slice *slice) {
+                                        const int *area, sbl__slice *slice) {
     sbl__core *c = m->work.core;
     sbl__surface_request request;
     request.scene = &c->scene;
@@ -22504,6 +22522,7 @@ static sbl_result sbl__map_draw_surface(sbl__map *m, const sbl__gbuffer *g, int 
     request.bounced = m->spec.bounced && (sample < 0 || m->has_lobes);  /* panes mirror bounced light in all samples */
     request.has_lobes = m->has_lobes;
     request.window = sample < 0 ? NULL : &m->window;
+    request.area = area;
     request.atlas = m->atlas;
     return sbl__surface_step(&c->device, &m->surface, &request, slice);
 }
@@ -22511,7 +22530,7 @@ static sbl_result sbl__map_draw_surface(sbl__map *m, const sbl__gbuffer *g, int 
 static sbl_result sbl__map_surface(void *work, sbl__slice *slice) {
     static const float centre[2] = { 0, 0 };
     sbl__map *m = (sbl__map *)work;
-    const sbl_result result = sbl__map_draw_surface(m, &m->gbuffer, -1, centre, slice);
+    const sbl_result result = sbl__map_draw_surface(m, &m->gbuffer, -1, centre, NULL, slice);
     if (result == SBL_SUCCESS && m->atlas) sbl__refine_use_atlas(&m->refine, m->atlas);
     return result;
 }
@@ -22652,7 +22671,8 @@ static sbl_result sbl__map_filter(void *work, sbl__slice *slice) {
     filter.layer_noise = sbl__spec_layer_noise(&m->spec);
     filter.is_group = m->spec.groups > 0;
     filter.window = m->has_lobes ? NULL : &m->window;  /* >>reflections reads R of all pixels */
-    rows[1] = sbl__pace_rows(&m->filter_pace, slice, &layer->smooth.target, rows[0]);
+    rows[1] = sbl__pace_rows(&m->filter_pace, slice, layer->smooth.target.width,
+                             layer->smooth.target.height - rows[0]);
     result = sbl__filter_draw(d, &filter, &m->gbuffer, &layer->smooth.target, rows);
     if (result == SBL_SUCCESS) result = sbl__pace_end(d, &m->filter_pace, (double)rows[1] * m->desc.width);
     m->developing.at += rows[1];
@@ -22943,6 +22963,8 @@ typedef struct sbl__reflections {
     double sum[3];              /* sum over pixels of reflected light, with R in place of the light in lobes */
     double pixels;              /* number of pixels in this sum */
     int found;                  /* 1: a pixel has a lobe */
+    int blurred[4];             /* x, y, width and height of the smallest area that contains all shown pixels which
+                                   samples blur, see gbuffer_fragment.glsl; width 0: there is no such pixel */
     float *errors;              /* per working pixel: memory that becomes sbl__map.errors */
     float *work;                /* the same for sbl__map.lobe_work */
 } sbl__reflections;
@@ -23044,6 +23066,17 @@ static sbl_result sbl__reflections_put(sbl__reflections *f, const sbl__map *m, s
     return sbl__refine_put(&f->refine, index, &pixel, light, shows_stored && pixel.id);
 }
 
+/* Extends an area (x, y, width, height; width 0: empty) to contain pixel (x, y). */
+static void sbl__reflections_extend(int area[4], int x, int y) {
+    const int at[2] = { x, y }, empty = !area[2];
+    int k;
+    for (k = 0; k < 2; k++) {
+        const int first = empty ? at[k] : SBL__MIN(area[k], at[k]);
+        area[2 + k] = SBL__MAX(empty ? 0 : area[k] + area[2 + k], at[k] + 1) - first;
+        area[k] = first;
+    }
+}
+
 /* Reads rows of the G-buffer and of R, from row m->work.stages.at on. Returns SBL_SUCCESS when all rows have been
    read. */
 static sbl_result sbl__reflections_read(sbl__reflections *f, sbl__map *m) {
@@ -23068,6 +23101,7 @@ static sbl_result sbl__reflections_read(sbl__reflections *f, sbl__map *m) {
         result = sbl__reflections_put(f, m, index, from);
         if (!sbl__refine_pixel(&m->refine, index)->id || !sbl__window_shows(&m->window, i % width, first + i / width))
             continue;
+        if (from[SBL__READ_ALBEDO][3] > 1.5f) sbl__reflections_extend(f->blurred, i % width, first + i / width);
         for (k = 0; k < 3; k++) {
             const double light = (double)from[SBL__READ_RADIANCE][k];
             f->sum[k] += (double)(from[SBL__READ_SPECULAR][k] + from[SBL__READ_ALBEDO][k]) * light;
@@ -23152,7 +23186,8 @@ enum { SBL__PREVIEW_COMPOSE, SBL__PREVIEW_METER, SBL__PREVIEW_EXPOSE };
 #define SBL__METER_HIGHLIGHT 1.5  /* the exposure should not bring the mean log2 of highlights above this */
 #define SBL__METER_YIELD 1.5   /* maximum number of stops by which highlights lower the exposure */
 
-#define SBL__BLUR_SAMPLES 16   /* minimum number of anti-aliasing samples that blur reflections in mirrors */
+#define SBL__BLUR_SAMPLES 16   /* minimum number of anti-aliasing samples of a pixel with a blurred reflection; an even
+                                  number */
 
 typedef struct sbl__picture {
     sbl__map map;               /* must be first, because pointers to the struct are cast to sbl__map * */
@@ -23164,7 +23199,8 @@ typedef struct sbl__picture {
     sbl__composition preview;   /* made if the host reads channels, or for the measurement of the exposure */
     sbl__reflections reflections;
     sbl__pace resolve_pace;
-    int samples;                /* number of anti-aliasing samples, see sbl__picture_samples */
+    int samples;                /* number of anti-aliasing samples: map.desc.samples in all pixels, then further ones in
+                                   blurred pixels, see sbl__picture_samples */
     int resolved;               /* number of finished anti-aliasing samples */
     int pass, row;              /* the current preview: its pass, and the number of finished rows of the pass */
     int meter[2][SBL__METER_BINS];  /* histograms of luminance, without black pixels: [0]: of R, [1]: of FINAL */
@@ -23219,10 +23255,12 @@ static void sbl__picture_show(sbl__picture *p, const sbl__composition *s) {
     p->map.channels[SBL_CHANNEL_DISPLAY] = p->map.desc.tone != SBL_TONE_NONE ? &s->target : NULL;
 }
 
-/* Returns the number of anti-aliasing samples: desc.samples, or more if the samples blur reflections in mirrors. */
+/* Returns the maximum number of anti-aliasing samples of a pixel: desc.samples, or more if further samples blur
+   reflections in mirrors. The number of further samples is even, so that the last one is drawn into the same one of
+   p->sums as the last sample of the other pixels. */
 static int sbl__picture_samples(const sbl__core *c, const sbl_picture_desc *d) {
     const int blurs = sbl__reflections_needed(c, d) && c->scene.features & SBL__MIRRORS_BLUR;
-    return blurs ? SBL__MAX(d->samples, SBL__BLUR_SAMPLES) : d->samples;
+    return blurs ? SBL__MAX(d->samples, SBL__BLUR_SAMPLES - (d->samples & 1)) : d->samples;
 }
 
 /* Gets the position of the current sample relative to the pixel's centre, in pixels. All samples are at the centre if
@@ -23262,39 +23300,47 @@ static sbl_result sbl__picture_begin(void *work, const void *desc) {
 
 /* >>picture: composition */
 
-/* Composes anti-aliasing sample `index` of `count`, and draws rows of the sum of samples 0 to `index`, from *row on.
-   Advances *row. Returns SBL_SUCCESS when all rows are drawn. */
-static sbl_result sbl__picture_compose(sbl__picture *p, int index, int count, const sbl__target *out, int *row,
+/* Returns the area that an anti-aliasing sample draws: x, y, width, height; NULL: all pixels. */
+static const int *sbl__picture_area(const sbl__picture *p, int sample) {
+    return sample < p->map.desc.samples ? NULL : p->reflections.blurred;
+}
+
+/* Composes an anti-aliasing sample (-1: one sample at the pixels' centres), and draws rows of the sum of all samples so
+   far, from row *row of the sample's area on. Advances *row. Returns SBL_SUCCESS when all rows are drawn. */
+static sbl_result sbl__picture_compose(sbl__picture *p, int sample, const sbl__target *out, int *row,
                                        const sbl__slice *slice) {
     const sbl__map *m = &p->map;
     sbl__device *d = &m->work.core->device;
     const sbl__texture *reflected = &m->layers[SBL__REFLECTIONS_LAYER].smooth.texture;
+    const int whole[4] = { 0, 0, m->desc.width, m->desc.height }, moved = sample >= 0 && p->samples > 1;
+    const int *all = sbl__picture_area(p, sample) ? sbl__picture_area(p, sample) : whole;
+    int area[4];
     sbl__resolve r;
-    int rows[2];
     sbl_result result;
     d->gl.doing = "composing the picture";
     r.centres = &m->gbuffer;
-    r.sample = count > 1 ? &p->sample : &m->gbuffer;
+    r.sample = moved ? &p->sample : &m->gbuffer;
     r.emission = &(p->sample.target.id ? &p->sample : &m->gbuffer)->textures[SBL__GBUFFER_EMISSION];
     r.radiance = &m->layers[0].smooth.texture;
     r.reflected = !m->has_lobes ? NULL : reflected->id && m->reflected >= 1 ? reflected : r.radiance;
-    r.previous = p->sums[index & 1].textures;  /* sample 0 does not read it */
+    r.previous = p->sums[SBL__MAX(sample, 0) & 1].textures;  /* sample 0 does not read it */
     r.tone = m->desc.tone;
     r.stops = m->work.core->stats.picture.exposure;
     r.backdrop = m->desc.backdrop;
     r.window = &m->window;
     r.environment = &m->work.core->scene.environment;
     r.camera = &m->camera;
-    r.index = index;
-    r.count = count;
+    r.index = SBL__MAX(sample, 0);
+    r.count = sample < 0 ? 1 : m->desc.samples;
     sbl__sample_offset(0, 1, r.offset);
-    if (count > 1) sbl__picture_offset(p, r.offset);
-    rows[0] = *row;
-    rows[1] = sbl__pace_rows(&p->resolve_pace, slice, out, *row);
-    result = sbl__resolve_draw(d, &r, out, rows);
-    if (result == SBL_SUCCESS) result = sbl__pace_end(d, &p->resolve_pace, (double)rows[1] * m->desc.width);
-    *row += rows[1];
-    return result == SBL_SUCCESS && *row < m->desc.height ? SBL_UNFINISHED : result;
+    if (moved) sbl__picture_offset(p, r.offset);
+    memcpy(area, all, sizeof area);
+    area[1] += *row;
+    area[3] = sbl__pace_rows(&p->resolve_pace, slice, all[2], all[3] - *row);
+    result = sbl__resolve_draw(d, &r, out, area);
+    if (result == SBL_SUCCESS) result = sbl__pace_end(d, &p->resolve_pace, (double)area[3] * area[2]);
+    *row += area[3];
+    return result == SBL_SUCCESS && *row < all[3] ? SBL_UNFINISHED : result;
 }
 
 /* Counts a pixel in a histogram, unless it is black. */
@@ -23365,7 +23411,7 @@ static sbl_result sbl__picture_compose_preview(sbl__picture *p, const sbl__slice
     if (p->pass == SBL__PREVIEW_COMPOSE && p->row == 0) result = sbl__composition_make(&p->map, &p->preview);
     if (result == SBL_SUCCESS)
         result = p->pass == SBL__PREVIEW_METER ? sbl__picture_meter(p)
-               : sbl__picture_compose(p, 0, 1, &p->preview.target, &p->row, slice);
+               : sbl__picture_compose(p, -1, &p->preview.target, &p->row, slice);
     if (result != SBL_SUCCESS) return result;
     p->row = 0;
     p->pass = p->pass < last ? p->pass + 1 : SBL__PREVIEW_COMPOSE;
@@ -23379,7 +23425,7 @@ static sbl_result sbl__picture_redraw(sbl__picture *p, sbl__slice *slice) {
     sbl__map *m = &p->map;
     sbl_result result;
     sbl__surface_restart(&m->surface);
-    do result = sbl__map_draw_surface(m, &m->gbuffer, -1, centre, slice); while (result == SBL_UNFINISHED);
+    do result = sbl__map_draw_surface(m, &m->gbuffer, -1, centre, NULL, slice); while (result == SBL_UNFINISHED);
     sbl__surface_restart(&m->surface);
     m->work.stages.stage = SBL__PICTURE_SAMPLE;
     m->work.stages.at = 0;
@@ -23422,6 +23468,7 @@ static int sbl__picture_after_lobes(void *work) {
     sbl__reflections *f = &p->reflections;
     if (!p->map.has_lobes) return SBL__PICTURE_FINISH;
     sbl__reflections_set_mean(f);
+    if (!f->blurred[2]) p->samples = p->map.desc.samples;
     if (f->found) return SBL__PICTURE_REFLECT;
     sbl__reflections_skip(f, &p->map);
     return SBL__PICTURE_FINISH;
@@ -23475,13 +23522,12 @@ static sbl_result sbl__picture_sample(void *work, sbl__slice *slice) {
     if (p->samples == 1) return SBL_SUCCESS;
     p->sampled = 1;
     sbl__picture_offset(p, offset);
-    return sbl__map_draw_surface(&p->map, &p->sample, p->resolved, offset, slice);
+    return sbl__map_draw_surface(&p->map, &p->sample, p->resolved, offset, sbl__picture_area(p, p->resolved), slice);
 }
 
 static sbl_result sbl__picture_resolve(void *work, sbl__slice *slice) {
     sbl__picture *p = (sbl__picture *)work;
-    return sbl__picture_compose(p, p->resolved, p->samples, &p->sums[1 - (p->resolved & 1)].target,
-                                &p->map.work.stages.at, slice);
+    return sbl__picture_compose(p, p->resolved, &p->sums[1 - (p->resolved & 1)].target, &p->map.work.stages.at, slice);
 }
 
 static int sbl__picture_after_resolve(void *work) {

@@ -6,7 +6,7 @@ uniform float facet_limit;     // in pixels; for lightmaps, in world units; 0: n
 layout(location = 0) out vec4 out_position;          // w: sbl_Surface.reach, see surface.glsl
 layout(location = 1) out vec4 out_normal;
 layout(location = 2) out vec4 out_geometric_normal;
-layout(location = 3) out vec4 out_albedo;
+layout(location = 3) out vec4 out_albedo;            // w: 2: samples blur the pixel (blurs_pixel); otherwise 1
 layout(location = 4) out vec4 out_emission;
 layout(location = 5) out uint out_id;
 #ifdef SBL_SPECULAR
@@ -64,6 +64,7 @@ bool sbl_is_bumpy(int object) { return false; }
 uniform float ray_start;                // a camera ray begins at its origin + ray_start * its direction
 uniform bool draws_sample;              // true: the pass draws an anti-aliasing sample; false: the pixels' centres
 uniform vec2 sample_point;              // random point of the sample in the unit square, see sbl_mirrored
+bool blurs_pixel = false;               // true: a mirror on the way blurs what anti-aliasing samples show
 const vec2 SBL_POINT_STEP = vec2(0.377, 0.285);  // distance between the points of successive rays, see sbl_follow
 // Two rays leave each mirror and each pane: the main ray `next`, and the ray `aside`, see sbl_leave_surface.
 const int SBL_ASIDE_MIRRORS = 3;        // the ray `aside` is reflected by at most this many surfaces of metal
@@ -143,8 +144,9 @@ bool sbl_is_mirror(sbl_Material m) {
 vec3 sbl_mirrored(sbl_Surface s, vec3 direction, vec2 point, inout vec3 weight) {
     vec3 mirrored = direction - 2.0 * dot(s.normal, direction) * s.normal;
 #ifdef SBL_MIRRORS_BLUR
-    bool blurs = draws_sample && sbl_is_mirror(s.material) && s.material.roughness >= SBL_MIRROR;
-    for (int once = 0; once < (blurs ? 1 : 0); once++) {
+    bool blurs = sbl_is_mirror(s.material) && s.material.roughness >= SBL_MIRROR;
+    blurs_pixel = blurs_pixel || blurs;
+    for (int once = 0; once < (blurs && draws_sample ? 1 : 0); once++) {
         sbl_Lobe l = sbl_lobe_of(s.normal, -direction, s.material.reflectance, s.material.roughness);
         mirrored = sbl_lobe_sample(l, point, weight);
         weight *= s.material.opacity;
@@ -201,9 +203,9 @@ sbl_Leaving sbl_aside(sbl_Surface s, sbl_Leaving ray, int hits, vec2 point, out 
     vec3 weight = reflects ? sbl_lobe_reflected(s.material, cosine, ray.weight) : vec3(0);
     vec3 direction = ray.direction - 2.0 * dot(s.normal, ray.direction) * s.normal;
 #ifdef SBL_MIRRORS_BLUR
-    bool blurs = reflects && draws_sample && s.material.roughness >= SBL_MIRROR &&
-                 s.material.roughness < SBL_POLISHED;
-    for (int once = 0; once < (blurs ? 1 : 0); once++) {
+    bool blurs = reflects && s.material.roughness >= SBL_MIRROR && s.material.roughness < SBL_POLISHED;
+    blurs_pixel = blurs_pixel || blurs;
+    for (int once = 0; once < (blurs && draws_sample ? 1 : 0); once++) {
         sbl_Lobe l = sbl_lobe_of(s.normal, -ray.direction, s.material.reflectance, s.material.roughness);
         direction = sbl_lobe_sample(l, point, weight);
         weight *= s.material.opacity * ray.weight;
@@ -377,7 +379,7 @@ void main() {
         }
         out_specular = vec4(seen.throughput * out_specular.rgb, seen.stored);
         shown *= seen.throughput;
-        out_albedo = vec4(shown, 1);
+        out_albedo = vec4(shown, blurs_pixel ? 2 : 1);
         out_emission.rgb = seen.emission + seen.throughput * out_emission.rgb;
 #endif
 #ifdef SBL_BOUNCED

@@ -4,6 +4,8 @@
 uniform sampler2D radiance;                 // R (irradiance / pi) at pixel centres
 #ifdef SBL_SPECULAR
 uniform sampler2D reflected;                // mean radiance in the specular lobe, at pixel centres
+uniform sampler2D albedo;                   // at pixel centres; w: see gbuffer_fragment.glsl
+uniform bool only_blurred;                  // true: only pixels that samples blur get this sample
 uniform sampler2D sample_specular;          // albedo of the specular lobe
 #endif
 uniform sampler2D positions, normals;       // at pixel centres
@@ -11,12 +13,12 @@ uniform usampler2D ids;
 uniform sampler2D sample_positions, sample_normals, sample_albedo, sample_emission;
 uniform usampler2D sample_ids;
 uniform vec2 offset;                        // position of the sample relative to the pixel's centre, in pixels
-uniform sampler2D previous;                 // sum of the previous samples, each times `sample_weight`
-uniform int has_previous;                   // 0: this is the first sample
-uniform float sample_weight;                // 1 / number of samples per pixel
+uniform sampler2D previous;                 // weighted sum of the previous samples
+uniform float previous_weight;              // factor of `previous`; 0: this is the first sample
+uniform float sample_weight;                // weight of this sample
 layout(location = 0) out vec4 out_color;
 #ifdef SBL_DISPLAY
-uniform sampler2D previous_display;         // like `previous`, for the colour on the screen
+uniform sampler2D previous_display;         // like `previous`, for the colour on a screen
 uniform vec3 backdrop;                      // sbl_picture_desc.backdrop
 uniform float first_row;                    // index in the whole picture of this part's first row
 uniform float height;                       // number of rows of the whole picture
@@ -64,8 +66,12 @@ vec3 sbl_light_at(sampler2D light, ivec2 at, uint id) {
 
 void main() {
     ivec2 at = ivec2(gl_FragCoord.xy);
+#ifdef SBL_SPECULAR
+    if (only_blurred && texelFetch(albedo, at, 0).w < 1.5) discard;
+#endif
     uint id = texelFetch(sample_ids, at, 0).x;
-    vec4 before = has_previous == 0 ? vec4(0) : texelFetch(previous, at, 0);
+    bool first = previous_weight == 0.0;
+    vec4 before = first ? vec4(0) : previous_weight * texelFetch(previous, at, 0);
     vec3 color;
     if (id == 0u) color = sky + sbl_sky_smooth(sbl_camera_direction());
     else {
@@ -80,7 +86,7 @@ void main() {
     }
     out_color = before + sample_weight * vec4(color, 1);
 #ifdef SBL_DISPLAY
-    vec4 shown_before = has_previous == 0 ? vec4(0) : texelFetch(previous_display, at, 0);
+    vec4 shown_before = first ? vec4(0) : previous_weight * texelFetch(previous_display, at, 0);
     float fade = mix(SBL_BACKDROP_TOP, 1.0, (gl_FragCoord.y + first_row) / height);
     vec3 least = id == 0u ? fade * backdrop : vec3(0);
     out_display = shown_before + sample_weight * vec4(max(sbl_shown(color), least), 1);

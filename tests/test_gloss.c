@@ -611,6 +611,47 @@ TEST(mirrors_blur_what_they_show) {
     scene_free(&s);
 }
 
+/* The right half of the picture shows a blurred mirror, which is narrower at one end, and in which a lamp behind the
+   camera has a slanted edge; the left half shows another lamp with slanted edges. With three samples per pixel, the
+   left half shows multiples of a third of the lamp's radiance, and the mirror is the same as with 15 samples. */
+TEST(only_blurred_pixels_get_further_samples) {
+    enum { WIDE = 24 };
+    test_scene s = { 0 };
+    sbl_picture_desc view = scene_plain(scene_view(WIDE, WIDE, 30, 0, 0, 4, 0, 0, 0), SBL_MODE_DIRECT, 0);
+    const float pixel = (float)(8 * tan(15 * TEST_PI / 180) / WIDE);  /* the width of a pixel at the mirror */
+    int x, y, edges = 0, blurred = 0;
+    double worst = 0, off = 0;
+    shot few, many;
+    scene_quad(&s, scene_gloss(&s, 1, 1, 1, 1, 0.07), 0, -8 * pixel, 0, 2, -8 * pixel, 0, 2, 8 * pixel, 0, 0, 8 * pixel,
+               0);
+    scene_quad(&s, scene_gloss(&s, 1, 1, 1, 1, 0.07), 0, 8 * pixel, 0, 4 * pixel, 8 * pixel, 0, 4 * pixel, 2, 0, 0, 2,
+               0);
+    scene_quad(&s, scene_lamp(&s, 1, 1, 1), -0.2f, -2, 0, -0.25f, 2, 0, -0.4f, 2, 0, -0.8f, -2, 0);
+    scene_quad(&s, scene_lamp(&s, 1, 1, 1), 4, -4, 6, 4, 4, 6, 1.5f, 4, 6, 2, -4, 6);
+    view.samples = 3;
+    if (!shoot(&few, &s, &view)) return;
+    at(&few, SBL_CHANNEL_FINAL, 0, 0);  /* reads the channel before the next picture begins */
+    view.samples = 15;
+    if (!shoot(&many, &s, &view)) return;
+    for (y = 0; y < WIDE; y++)
+        for (x = 0; x < WIDE; x++) {
+            const double shown = (double)at(&few, SBL_CHANNEL_FINAL, x, y)[0];
+            if (x >= WIDE / 2) {
+                off = test_max(off, fabs(shown - (double)at(&many, SBL_CHANNEL_FINAL, x, y)[0]));
+                blurred += shown > 0.01 && shown < 0.99;
+            } else {
+                worst = test_max(worst, fabs(3 * shown - floor(3 * shown + 0.5)));
+                edges += shown > 0.01 && shown < 0.99;
+            }
+        }
+    printf("    %d pixels at the edge, off by %.6f; %d blurred pixels, off by %.6f\n", edges, worst, blurred, off);
+    CHECK(edges > 20 && blurred > 20, "%d and %d pixels", edges, blurred);
+    CHECK(worst < 1e-4 && off < 1e-5, "off by %.6f and %.6f", worst, off);
+    forget(&few);
+    forget(&many);
+    scene_free(&s);
+}
+
 /* Under a sky of 1, white metal with a little diffuse light, and white, blurred metal that covers half of the sky below
    it, lose no light. */
 TEST(mirrors_lose_no_light) {
@@ -2663,6 +2704,7 @@ int main(void) {
     RUN_UNSANITIZED(mirrors_show_lamps);
     RUN_UNSANITIZED(mirrors_show_surfaces);
     RUN_UNSANITIZED(mirrors_blur_what_they_show);
+    RUN(only_blurred_pixels_get_further_samples);
     RUN_UNSANITIZED(mirrors_lose_no_light);
     RUN_UNSANITIZED(panes_mirror_bounced_light);
     RUN_UNSANITIZED(panes_mirror_metal);
