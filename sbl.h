@@ -427,9 +427,9 @@
    what the mirrors on the way reflect and the panes pass. The picture therefore never contains SPECULAR of a mirror
    itself. Where a mirror shows only sky, the channels are those of the mirror, with ALBEDO and SPECULAR_ALBEDO 0.
 
-   Blurred mirrors: in FINAL, pixels whose centres show a mirror of a roughness of 0.05 or more have at least 15
-   anti-aliasing samples, which blur what the mirror shows; the material without its texture must be such a mirror, too.
-   The same applies to pixels of panes that mirror metal of a roughness of 0.05 to 0.16. All these samples lie at the
+   Blurred mirrors: in FINAL, pixels that show a mirror of a roughness of 0.05 or more, and their eight neighbours, have
+   at least 15 anti-aliasing samples, which blur what the mirror shows; the material without its texture must be such a
+   mirror, too. The same applies to panes that mirror metal of a roughness of 0.05 to 0.16. All these samples lie at the
    pixel's centre if sbl_picture_desc.samples is 1.
 
    Panes: a pixel shows what is behind a surface if the surface passes half of the light or more. The pane's own diffuse
@@ -10949,7 +10949,8 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "layout(location = 0) out vec4 out_position;          // w: sbl_Surface.reach, see surface.glsl\n",
 "layout(location = 1) out vec4 out_normal;\n",
 "layout(location = 2) out vec4 out_geometric_normal;\n",
-"layout(location = 3) out vec4 out_albedo;            // w: 2: samples blur the pixel (blurs_pixel); otherwise 1\n",
+"layout(location = 3) out vec4 out_albedo;            // w: 2: the surface is seen in a blurred mirror (blurs_pixel);\n",
+"                                                     // 1: it is not; 0: no surface\n",
 "layout(location = 4) out vec4 out_emission;\n",
 "layout(location = 5) out uint out_id;\n",
 "#ifdef SBL_SPECULAR\n",
@@ -21459,7 +21460,7 @@ static const char *const sbl__glsl_resolve[] = {
 "#ifdef SBL_SPECULAR\n",
 "uniform sampler2D reflected;                // mean radiance in the specular lobe, at pixel centres\n",
 "uniform sampler2D albedo;                   // at pixel centres; w: see gbuffer_fragment.glsl\n",
-"uniform bool only_blurred;                  // true: only pixels that samples blur get this sample\n",
+"uniform bool only_blurred;                  // true: only blurred pixels get this sample\n",
 "uniform sampler2D sample_specular;          // albedo of the specular lobe\n",
 "#endif\n",
 "uniform sampler2D positions, normals;       // at pixel centres\n",
@@ -21518,10 +21519,22 @@ static const char *const sbl__glsl_resolve[] = {
 "    return sum.a > 0.0 ? sum.rgb / sum.a : vec3(0);\n",
 "}\n",
 "\n",
+"#ifdef SBL_SPECULAR\n",
+"// Returns true if a pixel is blurred: its centre, or that of one of its eight neighbours, shows a blurred mirror.\n",
+"bool sbl_blurred(ivec2 at) {\n",
+"    ivec2 last = textureSize(albedo, 0) - 1;\n",
+"    float most = 0.0;\n",
+"    for (int y = -1; y <= 1; y++)\n",
+"        for (int x = -1; x <= 1; x++)\n",
+"            most = max(most, texelFetch(albedo, clamp(at + ivec2(x, y), ivec2(0), last), 0).w);\n",
+"    return most > 1.5;\n",
+"}\n",
+"#endif\n",
+"\n",
 "void main() {\n",
 "    ivec2 at = ivec2(gl_FragCoord.xy);\n",
 "#ifdef SBL_SPECULAR\n",
-"    if (only_blurred && texelFetch(albedo, at, 0).w < 1.5) discard;\n",
+"    if (only_blurred && !sbl_blurred(at)) discard;\n",
 "#endif\n",
 "    uint id = texelFetch(sample_ids, at, 0).x;\n",
 "    bool first = previous_weight == 0.0;\n",
@@ -22963,8 +22976,8 @@ typedef struct sbl__reflections {
     double sum[3];              /* sum over pixels of reflected light, with R in place of the light in lobes */
     double pixels;              /* number of pixels in this sum */
     int found;                  /* 1: a pixel has a lobe */
-    int blurred[4];             /* x, y, width and height of the smallest area that contains all shown pixels which
-                                   samples blur, see gbuffer_fragment.glsl; width 0: there is no such pixel */
+    int blurred[4];             /* x, y, width and height of the smallest area that contains all shown pixels that are
+                                   blurred (sbl_blurred in resolve.glsl); width 0: there are none */
     float *errors;              /* per working pixel: memory that becomes sbl__map.errors */
     float *work;                /* the same for sbl__map.lobe_work */
 } sbl__reflections;
@@ -23066,14 +23079,16 @@ static sbl_result sbl__reflections_put(sbl__reflections *f, const sbl__map *m, s
     return sbl__refine_put(&f->refine, index, &pixel, light, shows_stored && pixel.id);
 }
 
-/* Extends an area (x, y, width, height; width 0: empty) to contain pixel (x, y). */
-static void sbl__reflections_extend(int area[4], int x, int y) {
+/* Extends an area (x, y, width, height; width 0: empty) to contain pixel (x, y) and its eight neighbours, as far as they
+   are in the working grid. size: width and height of the grid */
+static void sbl__reflections_extend(int area[4], int x, int y, const int size[2]) {
     const int at[2] = { x, y }, empty = !area[2];
     int k;
     for (k = 0; k < 2; k++) {
-        const int first = empty ? at[k] : SBL__MIN(area[k], at[k]);
-        area[2 + k] = SBL__MAX(empty ? 0 : area[k] + area[2 + k], at[k] + 1) - first;
-        area[k] = first;
+        const int first = SBL__MAX(at[k] - 1, 0), end = SBL__MIN(at[k] + 2, size[k]);
+        const int from = empty ? first : SBL__MIN(area[k], first);
+        area[2 + k] = SBL__MAX(empty ? 0 : area[k] + area[2 + k], end) - from;
+        area[k] = from;
     }
 }
 
@@ -23084,6 +23099,7 @@ static sbl_result sbl__reflections_read(sbl__reflections *f, sbl__map *m) {
     sbl__core *c = m->work.core;
     const int width = m->desc.width, first = m->work.stages.at;
     const int rows = SBL__MIN(SBL__MAX(1, SBL__READ_PIXELS / width), m->desc.height - first), count = rows * width;
+    const int grid[2] = { width, m->desc.height };
     float *data = (float *)sbl__alloc_raw(&c->base, (size_t)count, SBL__READS * 16);
     const float *from[SBL__READS];
     sbl_result result = data ? SBL_SUCCESS : SBL_ERROR_OUT_OF_MEMORY;
@@ -23099,9 +23115,10 @@ static sbl_result sbl__reflections_read(sbl__reflections *f, sbl__map *m) {
         const size_t index = (size_t)first * (size_t)width + (size_t)i;
         for (k = 0; k < SBL__READS; k++) from[k] = data + 4 * ((size_t)count * (size_t)k + (size_t)i);
         result = sbl__reflections_put(f, m, index, from);
+        if (from[SBL__READ_ALBEDO][3] > 1.5f && sbl__window_covers(&m->window, 1, i % width, first + i / width))
+            sbl__reflections_extend(f->blurred, i % width, first + i / width, grid);
         if (!sbl__refine_pixel(&m->refine, index)->id || !sbl__window_shows(&m->window, i % width, first + i / width))
             continue;
-        if (from[SBL__READ_ALBEDO][3] > 1.5f) sbl__reflections_extend(f->blurred, i % width, first + i / width);
         for (k = 0; k < 3; k++) {
             const double light = (double)from[SBL__READ_RADIANCE][k];
             f->sum[k] += (double)(from[SBL__READ_SPECULAR][k] + from[SBL__READ_ALBEDO][k]) * light;

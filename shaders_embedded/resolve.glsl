@@ -5,7 +5,7 @@ uniform sampler2D radiance;                 // R (irradiance / pi) at pixel cent
 #ifdef SBL_SPECULAR
 uniform sampler2D reflected;                // mean radiance in the specular lobe, at pixel centres
 uniform sampler2D albedo;                   // at pixel centres; w: see gbuffer_fragment.glsl
-uniform bool only_blurred;                  // true: only pixels that samples blur get this sample
+uniform bool only_blurred;                  // true: only blurred pixels get this sample
 uniform sampler2D sample_specular;          // albedo of the specular lobe
 #endif
 uniform sampler2D positions, normals;       // at pixel centres
@@ -64,10 +64,22 @@ vec3 sbl_light_at(sampler2D light, ivec2 at, uint id) {
     return sum.a > 0.0 ? sum.rgb / sum.a : vec3(0);
 }
 
+#ifdef SBL_SPECULAR
+// Returns true if a pixel is blurred: its centre, or that of one of its eight neighbours, shows a blurred mirror.
+bool sbl_blurred(ivec2 at) {
+    ivec2 last = textureSize(albedo, 0) - 1;
+    float most = 0.0;
+    for (int y = -1; y <= 1; y++)
+        for (int x = -1; x <= 1; x++)
+            most = max(most, texelFetch(albedo, clamp(at + ivec2(x, y), ivec2(0), last), 0).w);
+    return most > 1.5;
+}
+#endif
+
 void main() {
     ivec2 at = ivec2(gl_FragCoord.xy);
 #ifdef SBL_SPECULAR
-    if (only_blurred && texelFetch(albedo, at, 0).w < 1.5) discard;
+    if (only_blurred && !sbl_blurred(at)) discard;
 #endif
     uint id = texelFetch(sample_ids, at, 0).x;
     bool first = previous_weight == 0.0;

@@ -611,45 +611,63 @@ TEST(mirrors_blur_what_they_show) {
     scene_free(&s);
 }
 
-/* The right half of the picture shows a blurred mirror, which is narrower at one end, and in which a lamp behind the
-   camera has a slanted edge; the left half shows another lamp with slanted edges. With three samples per pixel, the
-   left half shows multiples of a third of the lamp's radiance, and the mirror is the same as with 15 samples. */
-TEST(only_blurred_pixels_get_further_samples) {
+/* The right half of the picture shows a blurred mirror, which is narrower at one end, and a lamp beside the narrow end.
+   The mirror shows a lamp behind the camera with a slanted edge, and another lamp at its left edge. The left half of the
+   picture shows one more lamp with slanted edges. With few samples per pixel, lamps that are seen directly show
+   multiples of 1 / samples of their radiance. The mirror is the same as with `least` samples, which blurred pixels have
+   at least. */
+static void few_samples_and_many(int samples, int least) {
     enum { WIDE = 24 };
+    const float pixel = (float)(8 * tan(15 * TEST_PI / 180) / WIDE);  /* the width of a pixel at the mirror */
+    const float left = 0.7f * pixel;  /* the mirror does not contain the centres of the pixels at its left edge */
     test_scene s = { 0 };
     sbl_picture_desc view = scene_plain(scene_view(WIDE, WIDE, 30, 0, 0, 4, 0, 0, 0), SBL_MODE_DIRECT, 0);
-    const float pixel = (float)(8 * tan(15 * TEST_PI / 180) / WIDE);  /* the width of a pixel at the mirror */
-    int x, y, edges = 0, blurred = 0;
-    double worst = 0, off = 0;
+    int x, y, edges = 0, beside = 0, bright = 0, blurred = 0;
+    double worst = 0, off = 0, display = 0;
     shot few, many;
-    scene_quad(&s, scene_gloss(&s, 1, 1, 1, 1, 0.07), 0, -8 * pixel, 0, 2, -8 * pixel, 0, 2, 8 * pixel, 0, 0, 8 * pixel,
-               0);
-    scene_quad(&s, scene_gloss(&s, 1, 1, 1, 1, 0.07), 0, 8 * pixel, 0, 4 * pixel, 8 * pixel, 0, 4 * pixel, 2, 0, 0, 2,
-               0);
+    scene_quad(&s, scene_gloss(&s, 1, 1, 1, 1, 0.07), left, -8 * pixel, 0, 2, -8 * pixel, 0, 2, 8 * pixel, 0, left,
+               8 * pixel, 0);
+    scene_quad(&s, scene_gloss(&s, 1, 1, 1, 1, 0.07), left, -2, 0, 4 * pixel, -2, 0, 4 * pixel, -8 * pixel, 0, left,
+               -8 * pixel, 0);
+    scene_quad(&s, scene_lamp(&s, 1, 1, 1), 7.3f * pixel, -12 * pixel, 0, 11 * pixel, -12 * pixel, 0, 8 * pixel,
+               -9.2f * pixel, 0, 7.3f * pixel, -9.2f * pixel, 0);
     scene_quad(&s, scene_lamp(&s, 1, 1, 1), -0.2f, -2, 0, -0.25f, 2, 0, -0.4f, 2, 0, -0.8f, -2, 0);
     scene_quad(&s, scene_lamp(&s, 1, 1, 1), 4, -4, 6, 4, 4, 6, 1.5f, 4, 6, 2, -4, 6);
-    view.samples = 3;
+    scene_quad(&s, scene_lamp(&s, 1, 1, 1), 0.4f, -4, 6, 0.4f, 4, 6, -1, 4, 6, -1, -4, 6);
+    view.tone = SBL_TONE_NEUTRAL;
+    view.samples = samples;
     if (!shoot(&few, &s, &view)) return;
     at(&few, SBL_CHANNEL_FINAL, 0, 0);  /* reads the channel before the next picture begins */
-    view.samples = 15;
+    at(&few, SBL_CHANNEL_DISPLAY, 0, 0);
+    view.samples = least;
     if (!shoot(&many, &s, &view)) return;
     for (y = 0; y < WIDE; y++)
         for (x = 0; x < WIDE; x++) {
             const double shown = (double)at(&few, SBL_CHANNEL_FINAL, x, y)[0];
-            if (x >= WIDE / 2) {
+            if (x >= WIDE / 2 && (x < WIDE / 2 + 5 || y < WIDE / 2 + 9)) {
                 off = test_max(off, fabs(shown - (double)at(&many, SBL_CHANNEL_FINAL, x, y)[0]));
+                display = test_max(display, fabs((double)at(&few, SBL_CHANNEL_DISPLAY, x, y)[0] -
+                                                 (double)at(&many, SBL_CHANNEL_DISPLAY, x, y)[0]));
                 blurred += shown > 0.01 && shown < 0.99;
             } else {
-                worst = test_max(worst, fabs(3 * shown - floor(3 * shown + 0.5)));
+                worst = test_max(worst, fabs(samples * shown - floor(samples * shown + 0.5)));
                 edges += shown > 0.01 && shown < 0.99;
+                beside += shown > 0.01 && shown < 0.99 && x >= WIDE / 2;
+                bright += shown > 0.999;
             }
         }
-    printf("    %d pixels at the edge, off by %.6f; %d blurred pixels, off by %.6f\n", edges, worst, blurred, off);
-    CHECK(edges > 20 && blurred > 20, "%d and %d pixels", edges, blurred);
-    CHECK(worst < 1e-4 && off < 1e-5, "off by %.6f and %.6f", worst, off);
+    printf("    %d pixels at the edge, off by %.6f; %d blurred pixels, off by %.6f and %.6f\n", edges, worst, blurred, off,
+           display);
+    CHECK(edges > 20 && beside > 2 && bright > 20 && blurred > 20, "%d, %d, %d and %d pixels", edges, beside, bright,
+          blurred);
+    CHECK(worst < 1e-4 && off < 1e-5 && display < 1e-5, "off by %.6f, %.6f and %.6f", worst, off, display);
     forget(&few);
     forget(&many);
     scene_free(&s);
+}
+TEST(only_blurred_pixels_get_further_samples) {
+    few_samples_and_many(3, 15);
+    few_samples_and_many(4, 16);
 }
 
 /* Under a sky of 1, white metal with a little diffuse light, and white, blurred metal that covers half of the sky below
