@@ -10949,8 +10949,8 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "layout(location = 0) out vec4 out_position;          // w: sbl_Surface.reach, see surface.glsl\n",
 "layout(location = 1) out vec4 out_normal;\n",
 "layout(location = 2) out vec4 out_geometric_normal;\n",
-"layout(location = 3) out vec4 out_albedo;            // w: 2: the surface is seen in a blurred mirror (blurs_pixel);\n",
-"                                                     // 1: it is not; 0: no surface\n",
+"layout(location = 3) out vec4 out_albedo;            // w: 2: seen in a blurred mirror (blurs_pixel); 1: not;\n",
+"                                                     // 0: no surface\n",
 "layout(location = 4) out vec4 out_emission;\n",
 "layout(location = 5) out uint out_id;\n",
 "#ifdef SBL_SPECULAR\n",
@@ -23079,8 +23079,8 @@ static sbl_result sbl__reflections_put(sbl__reflections *f, const sbl__map *m, s
     return sbl__refine_put(&f->refine, index, &pixel, light, shows_stored && pixel.id);
 }
 
-/* Extends an area (x, y, width, height; width 0: empty) to contain pixel (x, y) and its eight neighbours, as far as they
-   are in the working grid. size: width and height of the grid */
+/* Extends an area (x, y, width, height; width 0: empty) to contain pixel (x, y) and its eight neighbours, except those
+   outside of the working grid. size: width and height of the grid */
 static void sbl__reflections_extend(int area[4], int x, int y, const int size[2]) {
     const int at[2] = { x, y }, empty = !area[2];
     int k;

@@ -6,8 +6,8 @@ uniform float facet_limit;     // in pixels; for lightmaps, in world units; 0: n
 layout(location = 0) out vec4 out_position;          // w: sbl_Surface.reach, see surface.glsl
 layout(location = 1) out vec4 out_normal;
 layout(location = 2) out vec4 out_geometric_normal;
-layout(location = 3) out vec4 out_albedo;            // w: 2: the surface is seen in a blurred mirror (blurs_pixel);
-                                                     // 1: it is not; 0: no surface
+layout(location = 3) out vec4 out_albedo;            // w: 2: seen in a blurred mirror (blurs_pixel); 1: not;
+                                                     // 0: no surface
 layout(location = 4) out vec4 out_emission;
 layout(location = 5) out uint out_id;
 #ifdef SBL_SPECULAR

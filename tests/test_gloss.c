@@ -612,10 +612,10 @@ TEST(mirrors_blur_what_they_show) {
 }
 
 /* The right half of the picture shows a blurred mirror, which is narrower at one end, and a lamp beside the narrow end.
-   The mirror shows a lamp behind the camera with a slanted edge, and another lamp at its left edge. The left half of the
-   picture shows one more lamp with slanted edges. With few samples per pixel, lamps that are seen directly show
-   multiples of 1 / samples of their radiance. The mirror is the same as with `least` samples, which blurred pixels have
-   at least. */
+   The mirror shows a lamp behind the camera with a slanted edge, and another lamp at its left edge. The left half of
+   the picture shows one more lamp with slanted edges. With few samples per pixel, lamps that are seen directly show
+   multiples of 1 / samples of their radiance. The mirror is the same as with `least` samples, which blurred pixels
+   have at least. */
 static void few_samples_and_many(int samples, int least) {
     enum { WIDE = 24 };
     const float pixel = (float)(8 * tan(15 * TEST_PI / 180) / WIDE);  /* the width of a pixel at the mirror */
@@ -656,8 +656,8 @@ static void few_samples_and_many(int samples, int least) {
                 bright += shown > 0.999;
             }
         }
-    printf("    %d pixels at the edge, off by %.6f; %d blurred pixels, off by %.6f and %.6f\n", edges, worst, blurred, off,
-           display);
+    printf("    %d pixels at the edge, off by %.6f; %d blurred pixels, off by %.6f and %.6f\n", edges, worst, blurred,
+           off, display);
     CHECK(edges > 20 && beside > 2 && bright > 20 && blurred > 20, "%d, %d, %d and %d pixels", edges, beside, bright,
           blurred);
     CHECK(worst < 1e-4 && off < 1e-5 && display < 1e-5, "off by %.6f, %.6f and %.6f", worst, off, display);
