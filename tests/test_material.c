@@ -301,7 +301,7 @@ static sbl_result two_pixels_end(two_pixels *p, sbl_result result, float out[2][
     return result;
 }
 
-static const int two_pixels_rows[2] = { 0, 1 };
+static const int two_pixels_area[4] = { 0, 0, 2, 1 }, two_pixels_rows[2] = { 0, 1 };
 
 /* Composes two pixels with light of -1 and 3 in their lobes. out: RADIANCE with emission and reflections */
 static sbl_result compose(float out[2][4]) {
@@ -323,7 +323,7 @@ static sbl_result compose(float out[2][4]) {
     r.camera = &camera;
     r.count = 1;
     r.backdrop = black[0].albedo;
-    if (result == SBL_SUCCESS) result = sbl__resolve_draw(&context->core.device, &r, &p.target, two_pixels_rows);
+    if (result == SBL_SUCCESS) result = sbl__resolve_draw(&context->core.device, &r, &p.target, two_pixels_area);
     return two_pixels_end(&p, result, out);
 }
 
