@@ -8072,7 +8072,8 @@ typedef struct sbl__store {
     sbl__bright_cell *bright;  /* all cells with bright leaves, in the order of sbl__bright_order */
     int cut_count, cut_capacity, leaf_count, leaf_capacity, bright_count;
     int max_leaves;            /* maximum number of leaves of the filling that was begun last */
-    int scene_leaves;          /* the same if a picture sets no number, from sbl_scene_desc.max_bounce_cells */
+    int scene_leaves;          /* maximum number of leaves for pictures that set no number; it follows from
+                                  sbl_scene_desc.max_bounce_cells */
     int most_leaves;           /* a picture that finds the store too coarse raises scene_leaves to this */
     int leaves_fit;            /* number of leaves that fit the driver's textures; limits the other three numbers */
     int unjudged;              /* 1: the next picture that can will decide whether the store needs more cells, see
@@ -10949,8 +10950,8 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "layout(location = 0) out vec4 out_position;          // w: sbl_Surface.reach, see surface.glsl\n",
 "layout(location = 1) out vec4 out_normal;\n",
 "layout(location = 2) out vec4 out_geometric_normal;\n",
-"layout(location = 3) out vec4 out_albedo;            // w: 2: seen in a blurred mirror (blurs_pixel); 1: not;\n",
-"                                                     // 0: no surface\n",
+"layout(location = 3) out vec4 out_albedo;            // w: 2 if a blurred mirror shows the surface\n",
+"                                                     // (blurs_pixel), otherwise 1; 0: no surface\n",
 "layout(location = 4) out vec4 out_emission;\n",
 "layout(location = 5) out uint out_id;\n",
 "#ifdef SBL_SPECULAR\n",
@@ -11008,7 +11009,7 @@ static const char *const sbl__glsl_gbuffer_fragment[] = {
 "uniform float ray_start;                // a camera ray begins at its origin + ray_start * its direction\n",
 "uniform bool draws_sample;              // true: the pass draws an anti-aliasing sample; false: the pixels' centres\n",
 "uniform vec2 sample_point;              // random point of the sample in the unit square, see sbl_mirrored\n",
-"bool blurs_pixel = false;               // true: a mirror on the way blurs what anti-aliasing samples show\n",
+"bool blurs_pixel = false;               // true: the ray has met a mirror that blurs what it shows\n",
 "const vec2 SBL_POINT_STEP = vec2(0.377, 0.285);  // distance between the points of successive rays, see sbl_follow\n",
 "// Two rays leave each mirror and each pane: the main ray `next`, and the ray `aside`, see sbl_leave_surface.\n",
 "const int SBL_ASIDE_MIRRORS = 3;        // the ray `aside` is reflected by at most this many surfaces of metal\n",
@@ -21520,7 +21521,8 @@ static const char *const sbl__glsl_resolve[] = {
 "}\n",
 "\n",
 "#ifdef SBL_SPECULAR\n",
-"// Returns true if a pixel is blurred: its centre, or that of one of its eight neighbours, shows a blurred mirror.\n",
+"// Returns true if a pixel is blurred. It is, if a blurred mirror is seen at its centre or at the centre of one of\n",
+"// its eight neighbours.\n",
 "bool sbl_blurred(ivec2 at) {\n",
 "    ivec2 last = textureSize(albedo, 0) - 1;\n",
 "    float most = 0.0;\n",
@@ -21583,12 +21585,12 @@ typedef struct sbl__resolve {
     const sbl__texture *emission;          /* emission of the sample */
     const sbl__texture *radiance;          /* R (irradiance / pi) at pixel centres */
     const sbl__texture *reflected;         /* light in specular lobes at pixel centres; NULL: all materials are matte */
-    const sbl__texture *previous;          /* [0]: weighted sum of the previous samples; [1]: the same for the colour on
-                                              a screen, if `tone` requests it */
+    const sbl__texture *previous;          /* [0] is the weighted sum of the previous samples; [1] is the same for the
+                                              colour on a screen, and only exists if `tone` requests it */
     const sbl__environment *environment;
     const sbl__camera *camera;
-    int index, count;                      /* index of the anti-aliasing sample; number of samples of each pixel.
-                                              Samples of an index from `count` on only exist in blurred pixels */
+    int index, count;                      /* index of the anti-aliasing sample; number of samples that all pixels have.
+                                              Samples whose index is `count` or more only exist in blurred pixels */
     float offset[2];                       /* position of the sample relative to the pixel's centre, in pixels */
     sbl_tone tone;                         /* SBL_TONE_NONE: only radiance is composed */
     float stops;                           /* exposure of the colour on a screen, in stops */
@@ -21596,9 +21598,9 @@ typedef struct sbl__resolve {
     const sbl__window *window;             /* position of the working grid in the whole picture */
 } sbl__resolve;
 
-/* Writes the weighted sum of r->previous and the sample to an area of `out` (x, y, width, height), for pixels that the
-   window shows: up to sample r->count - 1, the sum of samples / r->count; from then on, in blurred pixels, the mean of
-   all samples so far. */
+/* Adds the sample to r->previous and writes the result to an area of `out` (x, y, width, height), for pixels that the
+   window shows. If r->index is less than r->count, the sample has the weight 1 / r->count. Otherwise, only blurred
+   pixels are written, and the result is the mean of all samples so far. */
 static sbl_result sbl__resolve_draw(sbl__device *d, const sbl__resolve *r, const sbl__target *out, const int area[4]) {
     const int shown = r->tone != SBL_TONE_NONE, only_blurred = r->index >= r->count;
     const unsigned features = (shown ? (unsigned)SBL__DISPLAY : 0) | (r->reflected ? (unsigned)SBL__SPECULAR : 0);
@@ -23203,8 +23205,7 @@ enum { SBL__PREVIEW_COMPOSE, SBL__PREVIEW_METER, SBL__PREVIEW_EXPOSE };
 #define SBL__METER_HIGHLIGHT 1.5  /* the exposure should not bring the mean log2 of highlights above this */
 #define SBL__METER_YIELD 1.5   /* maximum number of stops by which highlights lower the exposure */
 
-#define SBL__BLUR_SAMPLES 16   /* minimum number of anti-aliasing samples of a pixel with a blurred reflection; an even
-                                  number */
+#define SBL__BLUR_SAMPLES 16   /* minimum number of anti-aliasing samples of a blurred pixel, if desc.samples is even */
 
 typedef struct sbl__picture {
     sbl__map map;               /* must be first, because pointers to the struct are cast to sbl__map * */
@@ -23216,8 +23217,8 @@ typedef struct sbl__picture {
     sbl__composition preview;   /* made if the host reads channels, or for the measurement of the exposure */
     sbl__reflections reflections;
     sbl__pace resolve_pace;
-    int samples;                /* number of anti-aliasing samples: map.desc.samples in all pixels, then further ones in
-                                   blurred pixels, see sbl__picture_samples */
+    int samples;                /* number of anti-aliasing samples of blurred pixels; other pixels have
+                                   map.desc.samples, see sbl__picture_samples */
     int resolved;               /* number of finished anti-aliasing samples */
     int pass, row;              /* the current preview: its pass, and the number of finished rows of the pass */
     int meter[2][SBL__METER_BINS];  /* histograms of luminance, without black pixels: [0]: of R, [1]: of FINAL */
@@ -23272,9 +23273,9 @@ static void sbl__picture_show(sbl__picture *p, const sbl__composition *s) {
     p->map.channels[SBL_CHANNEL_DISPLAY] = p->map.desc.tone != SBL_TONE_NONE ? &s->target : NULL;
 }
 
-/* Returns the maximum number of anti-aliasing samples of a pixel: desc.samples, or more if further samples blur
-   reflections in mirrors. The number of further samples is even, so that the last one is drawn into the same one of
-   p->sums as the last sample of the other pixels. */
+/* Returns the maximum number of anti-aliasing samples of a pixel. It is desc.samples, or more if further samples blur
+   reflections in mirrors. Samples are drawn into the two textures of p->sums in turn. The number of further samples is
+   even, so that the final colours of all pixels are in the same texture. */
 static int sbl__picture_samples(const sbl__core *c, const sbl_picture_desc *d) {
     const int blurs = sbl__reflections_needed(c, d) && c->scene.features & SBL__MIRRORS_BLUR;
     return blurs ? SBL__MAX(d->samples, SBL__BLUR_SAMPLES - (d->samples & 1)) : d->samples;
@@ -23317,9 +23318,10 @@ static sbl_result sbl__picture_begin(void *work, const void *desc) {
 
 /* >>picture: composition */
 
-/* Returns the area that an anti-aliasing sample draws: x, y, width, height; NULL: all pixels. */
-static const int *sbl__picture_area(const sbl__picture *p, int sample) {
-    return sample < p->map.desc.samples ? NULL : p->reflections.blurred;
+/* Gets the area that an anti-aliasing sample draws: x, y, width, height. Further samples only draw blurred pixels. */
+static void sbl__picture_area(const sbl__picture *p, int sample, int out[4]) {
+    const int whole[4] = { 0, 0, p->map.desc.width, p->map.desc.height };
+    memcpy(out, sample < p->map.desc.samples ? whole : p->reflections.blurred, sizeof whole);
 }
 
 /* Composes an anti-aliasing sample (-1: one sample at the pixels' centres), and draws rows of the sum of all samples so
@@ -23329,9 +23331,8 @@ static sbl_result sbl__picture_compose(sbl__picture *p, int sample, const sbl__t
     const sbl__map *m = &p->map;
     sbl__device *d = &m->work.core->device;
     const sbl__texture *reflected = &m->layers[SBL__REFLECTIONS_LAYER].smooth.texture;
-    const int whole[4] = { 0, 0, m->desc.width, m->desc.height }, moved = sample >= 0 && p->samples > 1;
-    const int *all = sbl__picture_area(p, sample) ? sbl__picture_area(p, sample) : whole;
-    int area[4];
+    const int moved = sample >= 0 && p->samples > 1;
+    int area[4], end;
     sbl__resolve r;
     sbl_result result;
     d->gl.doing = "composing the picture";
@@ -23351,13 +23352,14 @@ static sbl_result sbl__picture_compose(sbl__picture *p, int sample, const sbl__t
     r.count = sample < 0 ? 1 : m->desc.samples;
     sbl__sample_offset(0, 1, r.offset);
     if (moved) sbl__picture_offset(p, r.offset);
-    memcpy(area, all, sizeof area);
+    sbl__picture_area(p, sample, area);
+    end = area[3];
     area[1] += *row;
-    area[3] = sbl__pace_rows(&p->resolve_pace, slice, all[2], all[3] - *row);
+    area[3] = sbl__pace_rows(&p->resolve_pace, slice, area[2], end - *row);
     result = sbl__resolve_draw(d, &r, out, area);
     if (result == SBL_SUCCESS) result = sbl__pace_end(d, &p->resolve_pace, (double)area[3] * area[2]);
     *row += area[3];
-    return result == SBL_SUCCESS && *row < all[3] ? SBL_UNFINISHED : result;
+    return result == SBL_SUCCESS && *row < end ? SBL_UNFINISHED : result;
 }
 
 /* Counts a pixel in a histogram, unless it is black. */
@@ -23536,10 +23538,12 @@ static sbl_result sbl__picture_finish(void *work, sbl__slice *slice) {
 static sbl_result sbl__picture_sample(void *work, sbl__slice *slice) {
     sbl__picture *p = (sbl__picture *)work;
     float offset[2];
+    int area[4];
     if (p->samples == 1) return SBL_SUCCESS;
     p->sampled = 1;
     sbl__picture_offset(p, offset);
-    return sbl__map_draw_surface(&p->map, &p->sample, p->resolved, offset, sbl__picture_area(p, p->resolved), slice);
+    sbl__picture_area(p, p->resolved, area);
+    return sbl__map_draw_surface(&p->map, &p->sample, p->resolved, offset, area, slice);
 }
 
 static sbl_result sbl__picture_resolve(void *work, sbl__slice *slice) {

@@ -787,7 +787,7 @@ static int look_at_frames(shot *s) {
     exposes = isnan(options.exposure) && (s->desc.auto_exposure || given[WINDOW]);
     if (!exposes && !finds_cells) return DONE;
     status = look_at_whole(s, NULL);
-    s->task->said->warnings_kept = warnings;  /* they are about the small picture */
+    s->task->said->warnings_kept = warnings;  /* drops the warnings about the small picture */
     if (status != DONE) return status;
     if (exposes) sscanf(s->windows.work.facts[FACT_EXPOSURE].text, "%lf", &s->exposure);
     sscanf(s->windows.work.facts[FACT_CELLS].text, "%d", &s->cells);

@@ -222,8 +222,8 @@ static int plan__comes_from_look(int fact) {
     return fact == FACT_MEAN || fact == FACT_PRICE || fact == FACT_CELLS || fact == FACT_EXPOSURE;
 }
 
-/* Checks a fact that was read from a plan and comes from `look`. Returns 1 if its text consists of the right numbers,
-   and if these are in their ranges. */
+/* Checks the text of a fact that was read from a plan. The fact is one of those for which plan__comes_from_look returns
+   1. Returns 1 if the text has as many numbers as the fact needs, and if all of them are in their ranges. */
 static int plan__is_valid(int fact, const char *text) {
     const int count = fact == FACT_MEAN ? 6 : fact == FACT_PRICE ? 2 : 1;
     double numbers[6] = { 0, 0, 0, 0, 0, 0 };

@@ -6,8 +6,8 @@ uniform float facet_limit;     // in pixels; for lightmaps, in world units; 0: n
 layout(location = 0) out vec4 out_position;          // w: sbl_Surface.reach, see surface.glsl
 layout(location = 1) out vec4 out_normal;
 layout(location = 2) out vec4 out_geometric_normal;
-layout(location = 3) out vec4 out_albedo;            // w: 2: seen in a blurred mirror (blurs_pixel); 1: not;
-                                                     // 0: no surface
+layout(location = 3) out vec4 out_albedo;            // w: 2 if a blurred mirror shows the surface
+                                                     // (blurs_pixel), otherwise 1; 0: no surface
 layout(location = 4) out vec4 out_emission;
 layout(location = 5) out uint out_id;
 #ifdef SBL_SPECULAR
@@ -65,7 +65,7 @@ bool sbl_is_bumpy(int object) { return false; }
 uniform float ray_start;                // a camera ray begins at its origin + ray_start * its direction
 uniform bool draws_sample;              // true: the pass draws an anti-aliasing sample; false: the pixels' centres
 uniform vec2 sample_point;              // random point of the sample in the unit square, see sbl_mirrored
-bool blurs_pixel = false;               // true: a mirror on the way blurs what anti-aliasing samples show
+bool blurs_pixel = false;               // true: the ray has met a mirror that blurs what it shows
 const vec2 SBL_POINT_STEP = vec2(0.377, 0.285);  // distance between the points of successive rays, see sbl_follow
 // Two rays leave each mirror and each pane: the main ray `next`, and the ray `aside`, see sbl_leave_surface.
 const int SBL_ASIDE_MIRRORS = 3;        // the ray `aside` is reflected by at most this many surfaces of metal

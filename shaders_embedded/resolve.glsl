@@ -65,7 +65,8 @@ vec3 sbl_light_at(sampler2D light, ivec2 at, uint id) {
 }
 
 #ifdef SBL_SPECULAR
-// Returns true if a pixel is blurred: its centre, or that of one of its eight neighbours, shows a blurred mirror.
+// Returns true if a pixel is blurred. It is, if a blurred mirror is seen at its centre or at the centre of one of
+// its eight neighbours.
 bool sbl_blurred(ivec2 at) {
     ivec2 last = textureSize(albedo, 0) - 1;
     float most = 0.0;

@@ -2297,7 +2297,7 @@ static void try_file(const char *path) {
     for (i = 0; ending && kinds[i] && strcmp(ending, kinds[i]) != 0; i++) continue;
     if ((ending && !kinds[i]) || !realpath(path, full)) return;
     tried++;
-    /* every third file with bounced light, which takes twice as long */
+    /* Only every third file is rendered with bounced light, because that takes twice as long. */
     TOOL(full, "--quiet", "--mode", tried % 3 ? "direct" : "gi", "--size", "8x6", "--sensor-size", "4", "--samples",
          "1", "--tile", "8", "--threshold", "100", "--memory", "1G", "-o", "hostile.png");
     if (SANITIZED && ran.status == 1 && strstr(ran.err, "SUMMARY: AddressSanitizer")) {

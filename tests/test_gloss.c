@@ -637,7 +637,7 @@ static void few_samples_and_many(int samples, int least) {
     view.tone = SBL_TONE_NEUTRAL;
     view.samples = samples;
     if (!shoot(&few, &s, &view)) return;
-    at(&few, SBL_CHANNEL_FINAL, 0, 0);  /* reads the channel before the next picture begins */
+    at(&few, SBL_CHANNEL_FINAL, 0, 0);  /* keeps the channel for later, when the next picture has begun */
     at(&few, SBL_CHANNEL_DISPLAY, 0, 0);
     view.samples = least;
     if (!shoot(&many, &s, &view)) return;

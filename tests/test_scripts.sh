@@ -102,7 +102,7 @@ fake_tests() {
     rm -rf "$fake"
     mkdir -p "$fake/tests/support" "$fake/build"
     cp -r scripts "$fake"
-    # looking for what is installed takes a second
+    # This replaces the real setup, which needs a second to look for what is installed.
     printf '#!/bin/sh\ncase "$*" in --test | "--test --needed") ;; *) exit 1 ;; esac\n' > "$fake/scripts/setup"
     cp tests/support/keep_loaded.c tests/support/driver_memory.c tests/support/*san.supp "$fake/tests/support"
     printf '#include <pthread.h>\nint shared;\n%s;\n%s { shared++; return user; }\n' \

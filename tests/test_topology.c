@@ -2382,7 +2382,7 @@ TEST(pictures_choose_the_number_of_cells) {
     CHECK(sbl__bounce_leaves(&store, cells) == 5000, "%d leaves", sbl__bounce_leaves(&store, cells));
     cells = 9000;
     CHECK(sbl__bounce_leaves(&store, cells) == 7000, "%d leaves", sbl__bounce_leaves(&store, cells));
-    store.made_for = 9000;  /* loaded; its table needs less room than others may */
+    store.made_for = 9000;  /* a loaded store may have more leaves than a new one */
     CHECK(sbl__bounce_leaves(&store, cells) == 9000, "%d leaves", sbl__bounce_leaves(&store, cells));
 }
 

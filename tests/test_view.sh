@@ -146,7 +146,8 @@ becomes() {
         sleep 0.1
     done
 }
-# Three keys halve the light three times, and three others double it again, so that it is exactly the same.
+# Three keys halve the light three times, and three further keys double it three times. The picture is then the same as
+# before, to the bit.
 light_is_dimmed() {
     xdo key l key comma key comma key comma key l key l key l && becomes differ moved 1 &&
         xdo key l key period key period key period key l key l key l && becomes same moved

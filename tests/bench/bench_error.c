@@ -458,14 +458,14 @@ static int check(const char *name, const truth *t, v3 p, v3 n, double expected) 
     return 0;
 }
 
-/* Checks the light tracer: the mean R of a picture that shows the floor from above, and of its quarters. corners: of
-   the only light, in a black room; NULL: R is `expected` everywhere */
+/* Checks the light tracer with a picture that shows the floor from above: compares the mean R of the picture and of its
+   quarters. corners: the corners of the only lamp, in a black room; NULL: R is `expected` everywhere */
 static int check_spread(const char *name, const truth *t, const v3 *corners, double expected) {
     enum { SIDE = 16, PATHS_CHECKED = 500000 };
     static float first[3 * SIDE * SIDE], second[3 * SIDE * SIDE];
     float *halves[2] = { first, second };
     sbl_picture_desc view;
-    double found[5] = { 0, 0, 0, 0, 0 }, wanted[5] = { 0, 0, 0, 0, 0 };  /* the last are of the whole */
+    double found[5] = { 0, 0, 0, 0, 0 }, wanted[5] = { 0, 0, 0, 0, 0 };  /* the last number is that of the whole */
     int i, ok = 1;
     memset(&view, 0, sizeof view);
     view.width = view.height = SIDE;
