@@ -4675,7 +4675,8 @@ SBL__RECORD(sbl__attributes, SBL__ATTRIBUTES, "sbl_attributes", "sbl_attributes"
    id               sbl_mesh.id or, if that is 0, the mesh's index + 1
    ..._texture      first row in the texel table, width, height, and SBL__TEXTURE flags; all 0: no texture
    reflectance      of the part that is not metal, along the normal; negative: the material is matte
-   layer            light_group */
+   layer            light_group
+   area             area of the mesh in world space */
 #define SBL__OBJECT(X) \
     X(sbl__object, VEC3, albedo) X(sbl__object, FLOAT, alpha_cutoff) \
     X(sbl__object, VEC3, emission) X(sbl__object, UINT, flags) \
@@ -4683,7 +4684,7 @@ SBL__RECORD(sbl__attributes, SBL__ATTRIBUTES, "sbl_attributes", "sbl_attributes"
     X(sbl__object, UINT, id) X(sbl__object, FLOAT, reflectance) X(sbl__object, FLOAT, metallic) \
     X(sbl__object, FLOAT, roughness) X(sbl__object, UVEC4, specular_texture) \
     X(sbl__object, UVEC4, transmission_texture) X(sbl__object, FLOAT, transmission) \
-    X(sbl__object, FLOAT, normal_scale) X(sbl__object, UINT, layer) X(sbl__object, UINT, unused) \
+    X(sbl__object, FLOAT, normal_scale) X(sbl__object, UINT, layer) X(sbl__object, FLOAT, area) \
     X(sbl__object, UVEC4, normal_texture)
 SBL__RECORD(sbl__object, SBL__OBJECT, "sbl_object", "sbl_objects", SBL__SCENE_TABLE("sbl_objects"), NULL)
 
@@ -4896,6 +4897,25 @@ static void sbl__mesh_reverse(sbl__geometry *g, const sbl__mesh *mesh) {
     }
 }
 
+/* Returns the area of a triangle. normal: receives a normal of any length */
+static double sbl__triangle_area(const float *const corners[3], double normal[3]) {
+    sbl__triangle_normal(corners, normal);
+    return 0.5 * sqrt(normal[0] * normal[0] + normal[1] * normal[1] + normal[2] * normal[2]);
+}
+
+/* Returns the area of a mesh in world space. */
+static float sbl__mesh_area(const sbl__geometry *g, const sbl__mesh *mesh) {
+    double area = 0;
+    int t, k;
+    for (t = mesh->first_triangle; t < mesh->first_triangle + mesh->triangle_count; t++) {
+        const float *corners[3];
+        double normal[3];
+        for (k = 0; k < 3; k++) corners[k] = g->vertices[g->indices[3 * (size_t)t + (size_t)k]].position;
+        area += sbl__triangle_area(corners, normal);
+    }
+    return (float)SBL__MIN(area, (double)FLT_MAX);
+}
+
 /* World coordinates must have absolute values below this, so that sums of a few squares do not overflow a float. */
 #define SBL__COORDINATE_MOST 1e18
 
@@ -4933,6 +4953,7 @@ static int sbl__mesh_transform(const sbl__base *base, sbl__geometry *g, int numb
     }
     if ((determinant < 0) != (sbl__affine_determinant(mesh->transform) < 0)) sbl__mesh_reverse(g, mesh);
     memmove(mesh->transform, m, sizeof mesh->transform);
+    g->objects[number].area = sbl__mesh_area(g, mesh);
     return 1;
 }
 
@@ -5113,7 +5134,7 @@ static sbl_result sbl__geometry_upload(const sbl__device *d, sbl__geometry *g) {
     return sbl__gl_check(&d->gl);
 }
 
-/* Sends the vertices and triangles of a mesh to the buffers of the tables. */
+/* Sends the vertices, the triangles and the object of a mesh to the buffers of the tables. */
 static void sbl__geometry_send(const sbl__device *d, const sbl__geometry *g, int number) {
     const sbl__mesh *mesh = &g->meshes[number];
     const size_t first = (size_t)mesh->first_vertex, count = (size_t)mesh->vertex_count;
@@ -5124,6 +5145,8 @@ static void sbl__geometry_send(const sbl__device *d, const sbl__geometry *g, int
                       sizeof *g->attributes * count, g->attributes + first);
     sbl__buffer_write(d, &g->tables[SBL__INDEX_TABLE].buffer, 4 * corners, 12 * (size_t)mesh->triangle_count,
                       g->indices + corners);
+    sbl__buffer_write(d, &g->tables[SBL__OBJECT_TABLE].buffer, sizeof *g->objects * (size_t)number, sizeof *g->objects,
+                      g->objects + number);
 }
 
 /* Replaces the transform of a mesh, in the arrays and on the GPU. Does not update the bounds. If sbl__mesh_transform
@@ -5161,8 +5184,7 @@ static double sbl__scene_normal(const sbl__geometry *g, uint32_t triangle, doubl
     const float *corners[3];
     double area;
     sbl__scene_triangle(g, triangle, corners);
-    sbl__triangle_normal(corners, normal);
-    area = 0.5 * sqrt(normal[0] * normal[0] + normal[1] * normal[1] + normal[2] * normal[2]);
+    area = sbl__triangle_area(corners, normal);
     if (!sbl__normalize(normal)) normal[0] = normal[1] = normal[2] = 0;
     return area;
 }
@@ -5934,19 +5956,23 @@ static const char *const sbl__glsl_lobe[] = {
 "    return ndf / ((1.0 + sbl_lambda(l.alpha, l.view)) * 4.0 * l.view.z);\n",
 "}\n",
 "\n",
-"// Returns the pdf, per solid angle, of a point sampled uniformly by area on a triangle. side_1, side_2: two edges\n",
-"// of the triangle; to_point: vector from the viewer to the point\n",
-"float sbl_area_density(vec3 side_1, vec3 side_2, vec3 to_point) {\n",
+"// Returns the pdf, per solid angle, of a point on an emitting triangle, if it were sampled by area on the whole\n",
+"// mesh. Rays to lamps pick one triangle of the mesh at random; the pdf for this triangle alone would be too large.\n",
+"// object: index of the mesh; side_1, side_2: two edges of the triangle; to_point: vector from the viewer to the\n",
+"// point\n",
+"float sbl_area_density(int object, vec3 side_1, vec3 side_2, vec3 to_point) {\n",
 "    // The vectors are divided by `size` before they are multiplied, because products of short vectors would\n",
-"    // underflow.\n",
+"    // underflow. `normal` has twice the area of the triangle as its length.\n",
 "    float size = max(length(to_point), SBL_DIVISOR_LEAST);\n",
-"    return 2.0 / max(abs(dot(cross(side_1 / size, side_2 / size), to_point / size)), 1e-30);\n",
+"    vec3 normal = cross(side_1 / size, side_2 / size);\n",
+"    float fraction = min(0.5 * length(normal) / (sbl_object_area(object) / size / size), 1.0);\n",
+"    return max(2.0 * fraction / max(abs(dot(normal, to_point / size)), 1e-30), 1e-30);\n",
 "}\n",
 "\n",
-"const float SBL_LAMP_DENSITY = 10.0;  // pdf for sbl_lobe_mis on lamps that are not emitting triangles\n",
+"const float SBL_GLOW_DENSITY = 10.0;  // pdf for sbl_lobe_mis on glows\n",
 "\n",
 "// Returns the MIS weight of rays of the lobe for a lamp's light from a direction; rays to lamps have the rest. It\n",
-"// is the balance heuristic (Veach 1997) with the pdfs of the lobe and of points sampled by area on the lamp.\n",
+"// is the balance heuristic (Veach 1997) with the pdfs of the lobe and of the rays to lamps.\n",
 "float sbl_lobe_mis(float lobe_density, float lamp_density) { return lobe_density / (lobe_density + lamp_density); }\n",
 "\n",
 "#endif\n",
@@ -6226,6 +6252,7 @@ typedef struct sbl__environment {
     int width, height;   /* size of the picture in texels */
     float axes[3][3];    /* the picture's x, up and z axes in world space: unit vectors */
     float limit;         /* radiance (largest component) above which a texel is also a lamp; 0: no picture */
+    float excess;        /* integral of the radiance above the limit (largest component) over all directions */
     int layer;           /* index of the light group of sky and picture */
     float brightest;     /* upper limit of the radiance from any direction: the largest component of the sky plus the
                             largest component of any texel */
@@ -6287,7 +6314,25 @@ static void sbl__environment_texel(const sbl__environment *e, const sbl_environm
     c[3] = 0;
 }
 
-/* Fills e->pixels, and computes e->limit and e->brightest. Returns an error if radiance is negative or not finite. */
+/* Returns the solid angle of a texel of row y. */
+static double sbl__environment_solid_angle(const sbl__environment *e, int y) {
+    const double step = SBL__PI / e->height;
+    return 2 * SBL__PI / e->width * 2 * sin(step * (y + 0.5)) * sin(0.5 * step);
+}
+
+/* Computes e->excess. */
+static void sbl__environment_sum_excess(sbl__environment *e) {
+    const float *c = e->pixels;
+    double sum = 0;
+    int x, y;
+    for (y = 0; y < e->height; y++)
+        for (x = 0; x < e->width; x++, c += 4)
+            sum += SBL__MAX((double)sbl__max3(c) - e->limit, 0) * sbl__environment_solid_angle(e, y);
+    e->excess = (float)SBL__MIN(sum, (double)FLT_MAX);
+}
+
+/* Fills e->pixels, and computes e->limit, e->excess and e->brightest. Returns an error if radiance is negative or not
+   finite. */
 static sbl_result sbl__environment_read(const sbl__base *base, sbl__environment *e, const sbl_environment *desc) {
     double mean = 0, weights = 0;
     float *c = e->pixels;
@@ -6308,6 +6353,7 @@ static sbl_result sbl__environment_read(const sbl__base *base, sbl__environment 
         }
     }
     e->limit = (float)SBL__MIN(SBL__MAX(SBL__SKY_LIMIT * mean / weights, (double)SBL__SKY_LEAST), FLT_MAX);
+    sbl__environment_sum_excess(e);
     return SBL_SUCCESS;
 }
 
@@ -6358,6 +6404,7 @@ static void sbl__environment_bind(sbl__device *d, const sbl__environment *e) {
     sbl__set_vec3(d, "sky_up", e->axes[1]);
     sbl__set_vec3(d, "sky_z", e->axes[2]);
     sbl__set_float(d, "sky_limit", e->limit);
+    sbl__set_float(d, "sky_excess", e->excess);
     sbl__set_vec3(d, "sky", e->sky);
 }
 
@@ -6369,6 +6416,7 @@ static const char *const sbl__glsl_sky[] = {
 "uniform vec3 sky_x, sky_up, sky_z;  // axes of the picture in world space: unit vectors\n",
 "uniform float sky_limit;            // radiance (largest component) above which a texel is also a lamp, which emits\n",
 "                                    // the excess; 0: no picture\n",
+"uniform float sky_excess;           // integral of this excess over all directions\n",
 "\n",
 "// Returns the position in the picture for a direction: 0 to 1 from left to right and from top to bottom.\n",
 "vec2 sbl_sky_at(vec3 direction) {\n",
@@ -6389,14 +6437,23 @@ static const char *const sbl__glsl_sky[] = {
 "    return max(1.0 - sky_limit / max(max(radiance.r, radiance.g), max(radiance.b, SBL_SKY_LEAST)), 0.0);\n",
 "}\n",
 "\n",
-"// Returns the radiance of a ray that hits nothing. mis: MIS weight of the ray for radiance above the limit, which\n",
-"// lamps.glsl may sample, too\n",
-"vec3 sbl_sky(vec3 direction, float mis) {\n",
+"// Returns the pdf, per solid angle, of the directions of a texel, if texels were sampled in proportion to their\n",
+"// radiance above the limit, as rays to lamps do approximately. radiance: that of the texel\n",
+"float sbl_sky_density(vec3 radiance) {\n",
+"    float excess = max(radiance.r, max(radiance.g, radiance.b)) - sky_limit;\n",
+"    return max(excess / max(sky_excess, 1e-30), 1e-30);\n",
+"}\n",
+"\n",
+"// Returns the radiance of a ray that hits nothing. Rays to lamps find radiance above the limit, too; the result\n",
+"// contains only a fraction of it, the MIS weight of the ray (see sbl_lobe_mis in lobe.glsl). lobe_density: pdf,\n",
+"// per solid angle, with which a lobe chose the direction; 0: rays to lamps find all radiance above the limit\n",
+"vec3 sbl_sky(vec3 direction, float lobe_density) {\n",
 "    vec3 radiance = vec3(0);\n",
 "    if (sky_limit > 0.0) {\n",
 "        ivec2 size = textureSize(sky_picture, 0);\n",
 "        radiance = texelFetch(sky_picture, min(ivec2(sbl_sky_at(direction) * vec2(size)), size - 1), 0).rgb;\n",
-"        radiance *= 1.0 - (1.0 - mis) * sbl_sky_excess(radiance);\n",
+"        float lamp_density = sbl_sky_density(radiance);\n",
+"        radiance *= 1.0 - lamp_density / (lobe_density + lamp_density) * sbl_sky_excess(radiance);\n",
 "    }\n",
 "    return sky + radiance;\n",
 "}\n",
@@ -7417,9 +7474,8 @@ static void sbl__lamp_of_light(const sbl__lamp_trees *l, int number, sbl__lamp *
 
 /* Returns the area of a glow. normal: receives a normal of any length */
 static double sbl__glow_area(const sbl__glow *glow, double normal[3]) {
-    const float *corners[3] = { glow->corner_0, glow->corner_1, glow->corner_2 };
-    sbl__triangle_normal(corners, normal);
-    return 0.5 * sqrt(normal[0] * normal[0] + normal[1] * normal[1] + normal[2] * normal[2]);
+    const float *const corners[3] = { glow->corner_0, glow->corner_1, glow->corner_2 };
+    return sbl__triangle_area(corners, normal);
 }
 
 static void sbl__lamp_of_glow(const sbl__glow *glow, int number, sbl__lamp *lamp) {
@@ -7442,14 +7498,12 @@ static void sbl__lamp_of_glow(const sbl__glow *glow, int number, sbl__lamp *lamp
 static void sbl__lamp_of_texel(const sbl__environment *e, int at, sbl__lamp *lamp) {
     const int x = at % e->width, y = at / e->width;
     const float *c = e->pixels + 4 * (size_t)at;
-    const double step = SBL__PI / e->height;
-    const double solid_angle = 2 * SBL__PI / e->width * 2 * sin(step * (y + 0.5)) * sin(0.5 * step);
     double direction[3];
     if (!(sbl__max3(c) > e->limit)) return;
     sbl__environment_direction(e, x, y, direction);
     sbl__lamp_make(lamp, SBL__LAMP_SKY_TEXEL << SBL__LAMP_KIND_SHIFT | (uint32_t)at, direction,
-                   SBL__MIN(step + 2 * SBL__PI / e->width, 1.0),
-                   sbl__sum3(c) * (1 - e->limit / sbl__max3(c)) * solid_angle, 1);
+                   SBL__MIN(SBL__PI / e->height + 2 * SBL__PI / e->width, 1.0),
+                   sbl__sum3(c) * (1 - e->limit / sbl__max3(c)) * sbl__environment_solid_angle(e, y), 1);
 }
 
 /* Returns the number of candidates. Their order: glows and, unless only_glows is 1, triangles, lights, texels. */
@@ -12699,9 +12753,11 @@ static const char *const sbl__glsl_lamp[] = {
 "// Returns the MIS weight of rays of a lobe for a lamp's light from a direction, see sbl_lobe_mis. Rays do not hit\n",
 "// lights (point, spot and directional), whose weight is 0.\n",
 "float sbl_mis_of_lobe(sbl_Lamp l, sbl_Sample s, float lobe_density) {\n",
-"    float lamp_density = SBL_LAMP_DENSITY;\n",
+"    float lamp_density = SBL_GLOW_DENSITY;\n",
+"    if (sbl_is_texel(l)) lamp_density = sbl_sky_density(texelFetch(sky_picture, l.texel, 0).rgb);\n",
 "    if (l.kind == SBL_LAMP_TRIANGLE && !l.glow)\n",
-"        lamp_density = sbl_area_density(l.side_1, l.side_2, s.distance * s.direction);\n",
+"        lamp_density = sbl_area_density(int(sbl_triangle_object(l.triangle)), l.side_1, l.side_2,\n",
+"                                        s.distance * s.direction);\n",
 "    return sbl_is_light(l) ? 0.0 : sbl_lobe_mis(lobe_density, lamp_density);\n",
 "}\n",
 "#endif\n",
@@ -14088,12 +14144,14 @@ static const char *const sbl__glsl_reflect[] = {
 "    hit_continues = hit_continues && !last;\n",
 "}\n",
 "\n",
-"// Returns the pdf, per solid angle, of the point that a ray hits on a triangle, if it were sampled by area.\n",
+"// Returns the pdf, per solid angle, of the point that a ray hits, if it were sampled by area on the mesh.\n",
 "float sbl_hit_density(sbl_Hit hit, vec3 direction) {\n",
 "    vec3 p0 = sbl_triangle_corner_0(hit.triangle);\n",
-"    return sbl_area_density(sbl_triangle_corner_1(hit.triangle) - p0, sbl_triangle_corner_2(hit.triangle) - p0,\n",
-"                            hit.distance * direction);\n",
+"    return sbl_area_density(int(sbl_triangle_object(hit.triangle)), sbl_triangle_corner_1(hit.triangle) - p0,\n",
+"                            sbl_triangle_corner_2(hit.triangle) - p0, hit.distance * direction);\n",
 "}\n",
+"#else\n",
+"const float ray_density = 0.0;\n",
 "#endif\n",
 "\n",
 "#ifdef SBL_BOUNCED\n",
@@ -14299,7 +14357,7 @@ static const char *const sbl__glsl_trace[] = {
 "const float SBL_LOBE_SCALE = 0.5;\n",
 "\n",
 "vec3 arriving = vec3(0);              // direction of the ray that found the last hit\n",
-"float sky_mis = 0.0, glow_mis = 0.0;  // MIS weights, like lamp_mis, for bright texels of the sky and for glows\n",
+"float glow_mis = 0.0;      // MIS weight, like lamp_mis, for glows\n",
 "\n",
 "#ifdef SBL_GROUPS\n",
 "uniform int sky_layer;          // layer of the sky\n",
@@ -14459,10 +14517,7 @@ static const char *const sbl__glsl_trace[] = {
 "    hit = sbl_trace(from, direction, limit, SBL_RAY_PATH);\n",
 "    throughput *= sbl_tint;\n",
 "    if (hit.triangle < 0) {\n",
-"#ifdef SBL_SPECULAR\n",
-"        sky_mis = sbl_lobe_mis(ray_density, SBL_LAMP_DENSITY);\n",
-"#endif\n",
-"        vec3 seen_sky = throughput * sbl_sky(direction, sky_mis);\n",
+"        vec3 seen_sky = throughput * sbl_sky(direction, ray_density);\n",
 "        sum.rgb += seen_sky;\n",
 "        sbl_add_layer(sky_layer, seen_sky);\n",
 "        return false;\n",
@@ -14474,7 +14529,7 @@ static const char *const sbl__glsl_trace[] = {
 "#ifdef SBL_BOUNCED\n",
 "    glow_mis = segment == 0 ? 0.0 : sbl_glow_mis(hit.distance);\n",
 "#ifdef SBL_SPECULAR\n",
-"    if (ray_density > 0.0) glow_mis = sbl_lobe_mis(ray_density, SBL_LAMP_DENSITY);\n",
+"    if (ray_density > 0.0) glow_mis = sbl_lobe_mis(ray_density, SBL_GLOW_DENSITY);\n",
 "#endif\n",
 "#endif\n",
 "    vec3 position = from + direction * hit.distance;\n",
@@ -16027,7 +16082,7 @@ static const char *const sbl__glsl_cast[] = {
 "    throughput *= next.throughput * sbl_tint;\n",
 "    last_light.a = float(sky_layer + SBL_CAST_LAYERS * next.layer);\n",
 "    if (hit.triangle < 0) {\n",
-"        last_light.rgb = throughput * sbl_sky(direction, sbl_lobe_mis(next.density, SBL_LAMP_DENSITY));\n",
+"        last_light.rgb = throughput * sbl_sky(direction, next.density);\n",
 "        return light + last_light.rgb;\n",
 "    }\n",
 "    lamp_mis = sbl_lobe_mis(next.density, sbl_hit_density(hit, direction));\n",

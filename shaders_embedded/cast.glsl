@@ -37,7 +37,7 @@ vec3 sbl_continue_ray(inout sbl_Hit hit, sbl_Material material, inout vec3 origi
     throughput *= next.throughput * sbl_tint;
     last_light.a = float(sky_layer + SBL_CAST_LAYERS * next.layer);
     if (hit.triangle < 0) {
-        last_light.rgb = throughput * sbl_sky(direction, sbl_lobe_mis(next.density, SBL_LAMP_DENSITY));
+        last_light.rgb = throughput * sbl_sky(direction, next.density);
         return light + last_light.rgb;
     }
     lamp_mis = sbl_lobe_mis(next.density, sbl_hit_density(hit, direction));

@@ -337,9 +337,11 @@ sbl_Sample sbl_sample(sbl_Lamp l, vec2 u) {
 // Returns the MIS weight of rays of a lobe for a lamp's light from a direction, see sbl_lobe_mis. Rays do not hit
 // lights (point, spot and directional), whose weight is 0.
 float sbl_mis_of_lobe(sbl_Lamp l, sbl_Sample s, float lobe_density) {
-    float lamp_density = SBL_LAMP_DENSITY;
+    float lamp_density = SBL_GLOW_DENSITY;
+    if (sbl_is_texel(l)) lamp_density = sbl_sky_density(texelFetch(sky_picture, l.texel, 0).rgb);
     if (l.kind == SBL_LAMP_TRIANGLE && !l.glow)
-        lamp_density = sbl_area_density(l.side_1, l.side_2, s.distance * s.direction);
+        lamp_density = sbl_area_density(int(sbl_triangle_object(l.triangle)), l.side_1, l.side_2,
+                                        s.distance * s.direction);
     return sbl_is_light(l) ? 0.0 : sbl_lobe_mis(lobe_density, lamp_density);
 }
 #endif

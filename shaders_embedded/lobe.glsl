@@ -121,19 +121,23 @@ float sbl_lobe_density(sbl_Lobe l, vec3 direction) {
     return ndf / ((1.0 + sbl_lambda(l.alpha, l.view)) * 4.0 * l.view.z);
 }
 
-// Returns the pdf, per solid angle, of a point sampled uniformly by area on a triangle. side_1, side_2: two edges
-// of the triangle; to_point: vector from the viewer to the point
-float sbl_area_density(vec3 side_1, vec3 side_2, vec3 to_point) {
+// Returns the pdf, per solid angle, of a point on an emitting triangle, if it were sampled by area on the whole
+// mesh. Rays to lamps pick one triangle of the mesh at random; the pdf for this triangle alone would be too large.
+// object: index of the mesh; side_1, side_2: two edges of the triangle; to_point: vector from the viewer to the
+// point
+float sbl_area_density(int object, vec3 side_1, vec3 side_2, vec3 to_point) {
     // The vectors are divided by `size` before they are multiplied, because products of short vectors would
-    // underflow.
+    // underflow. `normal` has twice the area of the triangle as its length.
     float size = max(length(to_point), SBL_DIVISOR_LEAST);
-    return 2.0 / max(abs(dot(cross(side_1 / size, side_2 / size), to_point / size)), 1e-30);
+    vec3 normal = cross(side_1 / size, side_2 / size);
+    float fraction = min(0.5 * length(normal) / (sbl_object_area(object) / size / size), 1.0);
+    return max(2.0 * fraction / max(abs(dot(normal, to_point / size)), 1e-30), 1e-30);
 }
 
-const float SBL_LAMP_DENSITY = 10.0;  // pdf for sbl_lobe_mis on lamps that are not emitting triangles
+const float SBL_GLOW_DENSITY = 10.0;  // pdf for sbl_lobe_mis on glows
 
 // Returns the MIS weight of rays of the lobe for a lamp's light from a direction; rays to lamps have the rest. It
-// is the balance heuristic (Veach 1997) with the pdfs of the lobe and of points sampled by area on the lamp.
+// is the balance heuristic (Veach 1997) with the pdfs of the lobe and of the rays to lamps.
 float sbl_lobe_mis(float lobe_density, float lamp_density) { return lobe_density / (lobe_density + lamp_density); }
 
 #endif

@@ -39,12 +39,14 @@ void sbl_face_ray(inout sbl_Material m, sbl_Hit hit, vec3 direction, bool last) 
     hit_continues = hit_continues && !last;
 }
 
-// Returns the pdf, per solid angle, of the point that a ray hits on a triangle, if it were sampled by area.
+// Returns the pdf, per solid angle, of the point that a ray hits, if it were sampled by area on the mesh.
 float sbl_hit_density(sbl_Hit hit, vec3 direction) {
     vec3 p0 = sbl_triangle_corner_0(hit.triangle);
-    return sbl_area_density(sbl_triangle_corner_1(hit.triangle) - p0, sbl_triangle_corner_2(hit.triangle) - p0,
-                            hit.distance * direction);
+    return sbl_area_density(int(sbl_triangle_object(hit.triangle)), sbl_triangle_corner_1(hit.triangle) - p0,
+                            sbl_triangle_corner_2(hit.triangle) - p0, hit.distance * direction);
 }
+#else
+const float ray_density = 0.0;
 #endif
 
 #ifdef SBL_BOUNCED

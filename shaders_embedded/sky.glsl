@@ -4,6 +4,7 @@ uniform vec3 sky;                   // constant radiance from all directions; th
 uniform vec3 sky_x, sky_up, sky_z;  // axes of the picture in world space: unit vectors
 uniform float sky_limit;            // radiance (largest component) above which a texel is also a lamp, which emits
                                     // the excess; 0: no picture
+uniform float sky_excess;           // integral of this excess over all directions
 
 // Returns the position in the picture for a direction: 0 to 1 from left to right and from top to bottom.
 vec2 sbl_sky_at(vec3 direction) {
@@ -24,14 +25,23 @@ float sbl_sky_excess(vec3 radiance) {
     return max(1.0 - sky_limit / max(max(radiance.r, radiance.g), max(radiance.b, SBL_SKY_LEAST)), 0.0);
 }
 
-// Returns the radiance of a ray that hits nothing. mis: MIS weight of the ray for radiance above the limit, which
-// lamps.glsl may sample, too
-vec3 sbl_sky(vec3 direction, float mis) {
+// Returns the pdf, per solid angle, of the directions of a texel, if texels were sampled in proportion to their
+// radiance above the limit, as rays to lamps do approximately. radiance: that of the texel
+float sbl_sky_density(vec3 radiance) {
+    float excess = max(radiance.r, max(radiance.g, radiance.b)) - sky_limit;
+    return max(excess / max(sky_excess, 1e-30), 1e-30);
+}
+
+// Returns the radiance of a ray that hits nothing. Rays to lamps find radiance above the limit, too; the result
+// contains only a fraction of it, the MIS weight of the ray (see sbl_lobe_mis in lobe.glsl). lobe_density: pdf,
+// per solid angle, with which a lobe chose the direction; 0: rays to lamps find all radiance above the limit
+vec3 sbl_sky(vec3 direction, float lobe_density) {
     vec3 radiance = vec3(0);
     if (sky_limit > 0.0) {
         ivec2 size = textureSize(sky_picture, 0);
         radiance = texelFetch(sky_picture, min(ivec2(sbl_sky_at(direction) * vec2(size)), size - 1), 0).rgb;
-        radiance *= 1.0 - (1.0 - mis) * sbl_sky_excess(radiance);
+        float lamp_density = sbl_sky_density(radiance);
+        radiance *= 1.0 - lamp_density / (lobe_density + lamp_density) * sbl_sky_excess(radiance);
     }
     return sky + radiance;
 }

@@ -36,7 +36,7 @@ const float SBL_FIRST_SCALE = 0.7;
 const float SBL_LOBE_SCALE = 0.5;
 
 vec3 arriving = vec3(0);              // direction of the ray that found the last hit
-float sky_mis = 0.0, glow_mis = 0.0;  // MIS weights, like lamp_mis, for bright texels of the sky and for glows
+float glow_mis = 0.0;      // MIS weight, like lamp_mis, for glows
 
 #ifdef SBL_GROUPS
 uniform int sky_layer;          // layer of the sky
@@ -196,10 +196,7 @@ bool sbl_follow(int segment, out sbl_Hit hit, out sbl_Material material) {
     hit = sbl_trace(from, direction, limit, SBL_RAY_PATH);
     throughput *= sbl_tint;
     if (hit.triangle < 0) {
-#ifdef SBL_SPECULAR
-        sky_mis = sbl_lobe_mis(ray_density, SBL_LAMP_DENSITY);
-#endif
-        vec3 seen_sky = throughput * sbl_sky(direction, sky_mis);
+        vec3 seen_sky = throughput * sbl_sky(direction, ray_density);
         sum.rgb += seen_sky;
         sbl_add_layer(sky_layer, seen_sky);
         return false;
@@ -211,7 +208,7 @@ bool sbl_follow(int segment, out sbl_Hit hit, out sbl_Material material) {
 #ifdef SBL_BOUNCED
     glow_mis = segment == 0 ? 0.0 : sbl_glow_mis(hit.distance);
 #ifdef SBL_SPECULAR
-    if (ray_density > 0.0) glow_mis = sbl_lobe_mis(ray_density, SBL_LAMP_DENSITY);
+    if (ray_density > 0.0) glow_mis = sbl_lobe_mis(ray_density, SBL_GLOW_DENSITY);
 #endif
 #endif
     vec3 position = from + direction * hit.distance;

@@ -446,11 +446,11 @@ static const struct { const char *name; hash (*make)(void); } cases[] = {
 enum { CASES = sizeof cases / sizeof *cases };
 
 static const hash llvmpipe_15[CASES] = {
-    0xe550da65726a7c68u,  /* glossy_picture */
-    0x9045e472affd8764u,  /* glossy_window */
-    0x5b5bd258a298d6c8u,  /* glossy_inspection */
-    0x5f5f72ab45ac3075u,  /* glossy_store */
-    0xbd230c87a75d2311u,  /* glossy_rasterised */
+    0xd88b5457d6478ed2u,  /* glossy_picture */
+    0x01050584f4e8b9b8u,  /* glossy_window */
+    0x2501d69c241a6c0bu,  /* glossy_inspection */
+    0x6ebcb267126c0c15u,  /* glossy_store */
+    0x465c69667713f88bu,  /* glossy_rasterised */
     0x0682641aa93072fau,  /* matte_picture */
     0x0cb082160fbe86b1u,  /* plain_picture */
     0x0b1cab42a10172d9u,  /* changed_picture */
