@@ -996,6 +996,42 @@ TEST(highlights_of_the_sky) {
     }
 }
 
+/* A plate of rough metal shows the flank of the highlight of a sun, which is one texel of a sky picture. Its pixels have
+   64 rays. They differ little, because rays to the sun find nearly all of its light. */
+TEST(highlights_of_suns_have_little_noise) {
+    enum { SIDE = 12, ACROSS = 256, DOWN = 128, ROW = 40, CUT = 4 };
+    static float pixels[3 * ACROSS * DOWN];
+    const sbl_picture_desc view = view_of_plate(SIDE, SIDE, 0.01, 45, 64);
+    const double v[3] = { sin(TEST_PI / 4), 0, cos(TEST_PI / 4) };
+    const double size = 2 * TEST_PI * TEST_PI / (ACROSS * DOWN) / CUT / CUT;
+    double wanted = 0, mean, squares = 0;
+    test_scene s = { 0 };
+    shot p;
+    int i;
+    for (i = 0; i < 3; i++) pixels[3 * ROW * ACROSS + i] = 20000;  /* towards -x */
+    s.environment.picture.pixels = pixels;
+    s.environment.picture.format = SBL_PIXELS_FLOAT;
+    s.environment.picture.width = ACROSS;
+    s.environment.picture.height = DOWN;
+    s.environment.picture.channels = 3;
+    scene_floor(&s, scene_gloss(&s, 1, 1, 1, 1, 0.2), 0, 0.5f);
+    if (!shoot(&p, &s, &view)) return;
+    for (i = 0; i < CUT * CUT; i++) {
+        const double theta = TEST_PI * (ROW + (i / CUT + 0.5) / CUT) / DOWN;
+        const double phi = 2 * TEST_PI * ((i % CUT + 0.5) / CUT / ACROSS - 0.5);
+        double w[3];
+        set3(w, sin(theta) * cos(phi), sin(theta) * sin(phi), cos(theta));
+        wanted += 20000 * size * sin(theta) * w[2] * lobe_brdf(v, w, 0.2, 1);
+    }
+    mean = mean_reflected(&p, 0);
+    for (i = 0; i < SIDE * SIDE; i++) squares += pow(reflected(&p, i % SIDE, i / SIDE, 0) - mean, 2) / SIDE / SIDE;
+    printf("    %.4f of %.4f, pixels differ by %.4f of it\n", mean, wanted, sqrt(squares) / wanted);
+    CHECK(fabs(mean / wanted - 1) < 0.02, "the plate shows %.4f, not %.4f", mean, wanted);
+    CHECK(sqrt(squares) < 0.1 * wanted, "pixels differ by %.4f of the highlight", sqrt(squares) / wanted);
+    forget(&p);
+    scene_free(&s);
+}
+
 /* >>far from the origin */
 
 enum { FAR_SIDE = 8 };
@@ -1569,6 +1605,66 @@ TEST(panes_in_furnaces_are_white) {
         forget(&p);
         scene_free(&s);
     }
+}
+
+/* Adds a ball of metal, a lamp beside it, and a plate that hides the lamp from the origin. slices: those of the lamp */
+static void lamp_beside_a_ball(test_scene *s, int slices) {
+    scene_sphere(s, scene_gloss(s, 1, 1, 1, 1, 0.3), 1, 0.6f, 0, 0.5f, 48, 24, 1);
+    scene_sphere(s, scene_lamp(s, 50, 50, 50), 0.42f, 0.6f, 0, 0.05f, slices, slices / 2, 1);
+    scene_quad(s, scene_material(s, 0, 0, 0), 0.4f, 0.48f, -0.1f, 0.4f, 0.48f, 0.1f, 0.3f, 0.55f, 0.1f, 0.3f, 0.55f,
+               -0.1f);
+}
+
+/* Readings of a floor that sees a lamp only by way of a ball of metal differ from each other by less than 3.6 times
+   their mean, whatever the number of the lamp's triangles. If rays to lamps were weighed by the triangle that was
+   picked, and not by the whole lamp, the readings would differ by 4.3, 5.6 and 6.3 times their mean. */
+TEST(lamps_of_many_triangles_add_no_noise) {
+    enum { SITES = 256 };
+    static const int slices[3] = { 8, 16, 40 };
+    static sbl_reading readings[SITES];
+    const sbl_readings_desc desc = floor_readings(readings, SITES, 128);
+    double first = 0;
+    int kind, i;
+    for (kind = 0; kind < 3; kind++) {
+        test_scene s = { 0 };
+        double mean = 0, squares = 0, spread;
+        sbl_scene_desc scene;
+        lamp_beside_a_ball(&s, slices[kind]);
+        scene = scene_desc(&s);
+        CHECK(sbl_set_scene(context, &scene) == SBL_SUCCESS && sbl_gather_readings(context, &desc) == SBL_SUCCESS,
+              "no reading: %s", watch_last(&seen));
+        scene_free(&s);
+        for (i = 0; i < SITES; i++) mean += (double)readings[i].radiance[1] / SITES;
+        for (i = 0; i < SITES; i++) squares += pow((double)readings[i].radiance[1] - mean, 2) / SITES;
+        spread = sqrt(squares) / mean;
+        if (!kind) first = spread;
+        printf("    %d slices: readings of %.4f differ by %.2f of it\n", slices[kind], mean, spread);
+        CHECK(spread < 3.6 && spread < 1.2 * first, "%d slices: readings differ by %.2f of their mean", slices[kind],
+              spread);
+    }
+}
+
+/* A lamp that grows after sbl_set_scene gives the same readings as one that has this size from the beginning. */
+TEST(lamps_may_grow) {
+    enum { SITES = 32 };
+    static const float large[16] = { 2, 0, 0, 0, 0, 2, 0, 0, 0, 0, 2, 0, -0.42f, -0.6f, 0, 1 };
+    static sbl_reading readings[2][SITES];
+    test_scene s = { 0 };
+    sbl_scene_desc scene;
+    int later, i;
+    lamp_beside_a_ball(&s, 8);
+    for (later = 1; later >= 0; later--) {
+        const sbl_readings_desc desc = floor_readings(readings[later], SITES, 128);
+        memcpy(s.meshes[1].transform, large, later ? 0 : sizeof large);
+        scene = scene_desc(&s);
+        CHECK(sbl_set_scene(context, &scene) == SBL_SUCCESS, "no scene");
+        if (later) CHECK(sbl_set_mesh_transform(context, 1, large) == SBL_SUCCESS, "the lamp does not grow");
+        CHECK(sbl_gather_readings(context, &desc) == SBL_SUCCESS, "no reading: %s", watch_last(&seen));
+    }
+    for (i = 0; i < SITES; i++)
+        CHECK(memcmp(&readings[0][i], &readings[1][i], sizeof readings[0][i]) == 0, "reading %d: %g and %g", i,
+              (double)readings[0][i].radiance[1], (double)readings[1][i].radiance[1]);
+    scene_free(&s);
 }
 
 /* Returns the radiance that a black wall at x = -0.2 sends to the origin, which sees it in the unit direction `way`.
@@ -2732,6 +2828,7 @@ int main(void) {
     RUN_UNSANITIZED(highlights_of_lamps);
     RUN_UNSANITIZED(highlights_of_lights);
     RUN_UNSANITIZED(highlights_of_the_sky);
+    RUN_UNSANITIZED(highlights_of_suns_have_little_noise);
     RUN_UNSANITIZED(distance_keeps_highlights);
     RUN_UNSANITIZED(distance_moves_positions);
     RUN_UNSANITIZED(lamps_behind_panes);
@@ -2745,6 +2842,8 @@ int main(void) {
     RUN_UNSANITIZED(gloss_lights_floors);
     RUN_UNSANITIZED(gloss_mirrors_lamps_to_floors);
     RUN_UNSANITIZED(panes_in_furnaces_are_white);
+    RUN_UNSANITIZED(lamps_of_many_triangles_add_no_noise);
+    RUN(lamps_may_grow);
     RUN_UNSANITIZED(mirrored_lamps_are_found);
     RUN_UNSANITIZED(lamps_beside_mirrors);
     RUN(glows_do_not_widen_lamps_in_mirrors);
