@@ -497,12 +497,13 @@ TEST(pixels_average_normals) {
 /* >>mirrors */
 
 /* A metal mirror reflects a lamp, attenuated by the Fresnel term; so do two mirrors in sequence and smooth black
-   plastic. */
+   plastic. The lamp may let light pass. The channels show the point that a perfect mirror shows, also if the mirror is
+   a little rough. */
 TEST(mirrors_show_lamps) {
     static const double base[3] = { 0.9, 0.6, 0.3 };
-    static const char *const names[4] = { "a mirror", "roughness 0.07", "two mirrors", "plastic" };
+    static const char *const names[5] = { "a mirror", "roughness 0.07", "two mirrors", "plastic", "a clear lamp" };
     int kind, k, i;
-    for (kind = 0; kind < 4; kind++) {
+    for (kind = 0; kind < 5; kind++) {
         test_scene s = { 0 };
         const sbl_picture_desc view = view_of_plate(4, 4, 4, 60, 64);
         const int mirror = kind == 3 ? scene_gloss(&s, 0, 0, 0, 0, 0)
@@ -515,12 +516,19 @@ TEST(mirrors_show_lamps) {
         if (kind == 2) scene_quad(&s, lamp, 1, 0.9f, -2, 1, 0.9f, 2, 1, 4, 2, 1, 4, -2);  /* seen from below */
         else scene_quad(&s, lamp, -2, 0.2f, -2, -2, 0.2f, 2, -2, 3, 2, -2, 3, -2);
         s.meshes[s.mesh_count - 1].id = 99;
+        s.materials[lamp].transmission = kind == 4;
+        for (k = 0; k < 3; k++) s.materials[lamp].albedo[k] = kind == 4;
         if (!shoot(&p, &s, &view)) return;
         for (i = 0; i < 16; i++) {
             const float *final = at(&p, SBL_CHANNEL_FINAL, i % 4, i / 4);
-            double way[3];
+            const float *position = at(&p, SBL_CHANNEL_POSITION, i % 4, i / 4);
+            double way[3], slope;
             look(&view, i % 4, i / 4, way);
-            CHECK(kind == 3 || (int)at(&p, SBL_CHANNEL_ID, i % 4, i / 4)[0] == 99, "%s: no lamp is shown", names[kind]);
+            slope = (4 * sin(60 * TEST_PI / 180) + 2) / -way[0];
+            CHECK(kind > 1 || (fabs((double)position[1] + 4 * cos(60 * TEST_PI / 180) + slope * way[1]) < 1e-3 &&
+                               fabs((double)position[2] - slope * way[2]) < 1e-3),
+                  "%s: shows the point %g %g", names[kind], (double)position[1], (double)position[2]);
+            CHECK(kind > 2 || (int)at(&p, SBL_CHANNEL_ID, i % 4, i / 4)[0] == 99, "%s: no lamp is shown", names[kind]);
             for (k = 0; k < 3; k++) {
                 double wanted = (3 - k) * lobe__fresnel(fabs(way[1]), kind == 3 ? 0.04 : base[k]);
                 if (kind == 2) wanted *= lobe__fresnel(fabs(way[0]), base[k]);
@@ -539,7 +547,7 @@ TEST(mirrors_show_surfaces) {
     enum { SIDE = 24 };
     enum { SAME = 5 };
     static const sbl_channel same[SAME] = { SBL_CHANNEL_RADIANCE, SBL_CHANNEL_POSITION, SBL_CHANNEL_NORMAL,
-        SBL_CHANNEL_ID, SBL_CHANNEL_SPECULAR_ALBEDO };
+        SBL_CHANNEL_ID, SBL_CHANNEL_SPECULAR_ALBEDO };  /* the mirror reflects a part of the last */
     test_scene s = { 0 };
     sbl_picture_desc view = scene_plain(scene_view(SIDE, SIDE, 12, 2, 2, 0.2f, 0, 0, 0), SBL_MODE_DIRECT, 0), behind;
     shot p, q;
@@ -555,15 +563,17 @@ TEST(mirrors_show_surfaces) {
     sbl_look_at(behind.world_to_view, 2, -2, 0.2f, 0, 0, 0, 0, 1, 0);
     if (!shoot(&q, &s, &behind)) return;
     for (i = 0; i < SAME; i++) at(&q, same[i], 0, 0);
-    scene_floor(&s, scene_gloss(&s, 1, 1, 1, 1, 0), 0, 1);
+    scene_floor(&s, scene_gloss(&s, 0.6, 0.6, 0.6, 1, 0), 0, 1);
     if (!shoot(&p, &s, &view)) return;
     for (i = 0; i < SIDE * SIDE; i++)
         for (j = 0; j < SAME; j++)
             for (k = 0; k < (j == 3 ? 1 : 3); k++) {
                 const int x = i % SIDE, y = i / SIDE;
-                const double a = (double)at(&p, same[j], x, y)[k], b = (double)at(&q, same[j], x, SIDE - 1 - y)[k];
+                double way[3], a = (double)at(&p, same[j], x, y)[k], b = (double)at(&q, same[j], x, SIDE - 1 - y)[k];
                 const float id = at(&p, SBL_CHANNEL_ID, x, y)[0], other = at(&q, SBL_CHANNEL_ID, x, SIDE - 1 - y)[0];
+                look(&view, x, y, way);
                 if (other <= 0 || (j != 3 && id != other)) continue;
+                if (j == 4) b *= lobe__fresnel(-way[1], 0.6);
                 seen_points += j == 3;
                 if (j != 3) worst[j] = test_max(worst[j], fabs(a - b) / (j ? 1 : fabs(b) + 0.01));
                 else worst[j] += a != b;
@@ -691,22 +701,29 @@ TEST(mirrors_lose_no_light) {
     }
 }
 
-/* A pane mirrors another pane, which tints the sky behind it. */
+/* A pane mirrors another pane, which tints the sky behind it, or thin metal, which shows three quarters of the sky. */
 TEST(panes_show_panes_in_mirrors) {
-    test_scene s = { 0 };
     const sbl_picture_desc view = view_of_plate(1, 1, 1, 70, 16);
-    const double once = lobe__fresnel(cos(70 * TEST_PI / 180), 0.04), wanted = 1 - once + once * 0.6 * (1 - once);
-    double shown;
-    shot p;
-    scene_sky(&s, 1, 1, 1);
-    scene_floor(&s, scene_pane(&s, 1, 1, 1, 1), 0, 1);
-    scene_quad(&s, scene_pane(&s, 0.6, 0.6, 0.6, 1), -4, 1, -1, -4, 1, 1, -2, 1, 1, -2, 1, -1);
-    if (!shoot(&p, &s, &view)) return;
-    shown = (double)at(&p, SBL_CHANNEL_FINAL, 0, 0)[1];
-    printf("    %.4f of %.4f\n", shown, wanted);
-    CHECK(fabs(shown - wanted) < 0.003, "the pane shows %.4f, not %.4f", shown, wanted);
-    forget(&p);
-    scene_free(&s);
+    const double once = lobe__fresnel(cos(70 * TEST_PI / 180), 0.04);
+    int metal;
+    for (metal = 0; metal < 2; metal++) {
+        const double wanted = 1 - once + once * (metal ? 0.75 : 0.6 * (1 - once));
+        test_scene s = { 0 };
+        sbl_mesh *other;
+        double shown;
+        shot p;
+        scene_sky(&s, 1, 1, 1);
+        scene_floor(&s, scene_pane(&s, 1, 1, 1, 1), 0, 1);
+        other = scene_quad(&s, metal ? scene_gloss(&s, 0.5, 0.5, 0.5, 1, 0) : scene_pane(&s, 0.6, 0.6, 0.6, 1), -4, 1,
+                           -1, -4, 1, 1, -2, 1, 1, -2, 1, -1);
+        if (metal) scene_blend(&s, other, 0.25f);
+        if (!shoot(&p, &s, &view)) return;
+        shown = (double)at(&p, SBL_CHANNEL_FINAL, 0, 0)[1];
+        printf("    %.4f of %.4f\n", shown, wanted);
+        CHECK(fabs(shown - wanted) < 0.003, "the pane shows %.4f, not %.4f", shown, wanted);
+        forget(&p);
+        scene_free(&s);
+    }
 }
 
 /* A pane mirrors a plate of polished metal, which mirrors the edge of a lamp. The plate blurs the edge like a
@@ -1146,14 +1163,14 @@ static void scene_company(test_scene *s) {
     scene_floor(s, scene_pane(s, 1, 1, 1, 1), -60, 0.1f);
 }
 
-/* A viewer at 50 degrees sees a lamp of radiance 3 2 1 through panes and blended surfaces. The last pane also mirrors a
+/* A viewer at 50 degrees sees a lamp of radiance 3 2 1 through panes and blended surfaces. The last panes also mirror a
    sky of radiance 0.5. */
 TEST(lamps_behind_panes) {
     static const double tint[3] = { 0.9, 0.7, 0.8 };
-    static const char *const names[7] = { "a pane", "two panes", "without reflections", "blended", "a blended pane",
-        "a half transparent pane", "a pane under the sky" };
+    static const char *const names[8] = { "a pane", "two panes", "without reflections", "blended", "a blended pane",
+        "a half transparent pane", "a pane under the sky", "a rough pane under the sky" };
     int kind, i, k;
-    for (kind = 0; kind < 7; kind++) {
+    for (kind = 0; kind < 8; kind++) {
         const sbl_picture_desc view = view_of_plate(4, 4, 8, 50, 16);
         test_scene s = { 0 };
         sbl_mesh *pane;
@@ -1165,7 +1182,8 @@ TEST(lamps_behind_panes) {
         pane = scene_floor(&s, number, 0, 1);
         if (kind == 3 || kind == 4) scene_blend(&s, pane, 0.25f);
         if (kind == 1) scene_floor(&s, number, 0.3f, 1);
-        if (kind == 6) scene_sky(&s, 0.5f, 0.5f, 0.5f);
+        if (kind >= 6) scene_sky(&s, 0.5f, 0.5f, 0.5f);
+        if (kind == 7) s.materials[number].roughness = 0.6f;
         scene_company(&s);
         scene_floor(&s, scene_lamp(&s, 3, 2, 1), -1, 4);
         if (!shoot(&p, &s, &view)) return;
@@ -1182,6 +1200,7 @@ TEST(lamps_behind_panes) {
                 if (kind == 4) through = 0.75 + 0.25 * through;
                 if (kind == 5) through *= 0.8;
                 if (kind == 6) through += fresnel * 0.5 / (3 - k);
+                if (kind == 7) through += lobe__albedo(-way[1], 0.6, 0.04, 96) * 0.5 / (3 - k);
                 worst = test_max(worst, fabs(got / (3 - k) / through - 1));
             }
         }
@@ -1859,10 +1878,10 @@ TEST(glows_of_metal_count_once) {
     CHECK(light[2] < 0.55 * light[1], "the roughest metal reflects %.3f, rough metal %.3f", light[2], light[1]);
 }
 
-/* Measures the light before a floor that gets light only by way of a ceiling, from a patch which a wall hides
-   from the floor. spot: 1: a spot of this intensity lights the patch; 0: the patch emits `light` itself. opacity: that
-   of the ceiling. up: 1: the ceiling is gloss, and the light is that of R at the floor; 0: the ceiling is metal, and the
-   light is that of the floor's cells */
+/* Measures the light of a floor that gets light only by way of a ceiling, from a patch which a wall hides from the
+   floor. spot: 1: a spot of this intensity lights the patch; 0: the patch emits `light` itself. opacity: that of the
+   ceiling. up: 1: the ceiling is gloss, and the light is R at the floor; 0: the ceiling is metal, and the light is that
+   which cells of the floor reflect */
 static double by_way_of_a_ceiling(int spot, double light, double opacity, int up) {
     enum { SITES = 16 };
     static sbl_site sites[SITES];
@@ -1907,8 +1926,8 @@ static double by_way_of_a_ceiling(int spot, double light, double opacity, int up
     return sum;
 }
 
-/* A floor that sees a bright place only by way of metal or strong gloss gets the same light, whether the place is lit or
-   emits as much itself. A ceiling with a coverage of one half reflects half. */
+/* A floor that sees a bright place only by way of metal or gloss gets the same light, whether the place is lit or emits
+   as much itself. A ceiling with a coverage of one half reflects half. */
 TEST(bright_places_are_seen_by_way_of_metal) {
     double lit = 0, emits, glows, half;
     int i, up;

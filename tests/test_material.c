@@ -283,6 +283,44 @@ TEST(shiny_materials_follow_their_formulas) {
     }
 }
 
+/* Objects differ if one of the fields differs that decide how they reflect light or let it pass, but not if only their
+   emission or their normal map differs. A matte copy of a material has no lobe, and no light passes through it. */
+TEST(changes_of_gloss_are_noticed) {
+    static const size_t fields[] = { offsetof(sbl__object, reflectance), offsetof(sbl__object, metallic),
+        offsetof(sbl__object, roughness), offsetof(sbl__object, transmission), offsetof(sbl__object, specular_texture),
+        offsetof(sbl__object, transmission_texture), offsetof(sbl__object, albedo_texture),
+        offsetof(sbl__object, alpha_cutoff) };
+    static sbl__textures none;
+    static uint32_t entry[4];
+    sbl_material material, matte;
+    sbl__object a, b;
+    float brightest = 0;
+    size_t i;
+    memset(&a, 0, sizeof a);
+    for (i = 0; i < sizeof fields / sizeof *fields; i++) {
+        const float value = 0.25f;
+        b = a;
+        memcpy((char *)&b + fields[i], &value, sizeof value);
+        CHECK(sbl__reflection_differs(&a, &b), "a change of field %d is no change", (int)i);
+    }
+    b = a;
+    b.emission[1] = b.normal_scale = 1;
+    b.flags = SBL_MATERIAL_ONE_SIDED_EMISSION;
+    CHECK(!sbl__reflection_differs(&a, &b), "emission and normals change reflections");
+    memset(&material, 0, sizeof material);
+    material.ior = 1.5f;
+    material.metallic = material.transmission = 0.5f;
+    material.flags = SBL_MATERIAL_BLEND;
+    matte = sbl__material_matte(&material);
+    memset(&none, 0, sizeof none);
+    none.entries = &entry;
+    none.brightest = &brightest;
+    CHECK(sbl__material_write(&none, &material, &a, &brightest) && sbl__is_specular(&a) && sbl__lets_pass(&a),
+          "the material is matte");
+    CHECK(!sbl__material_write(&none, &matte, &b, &brightest) && !sbl__is_specular(&b) && !sbl__lets_pass(&b),
+          "the copy is not matte");
+}
+
 static const sbl_material black[MATERIALS];
 
 /* What draws a picture of two pixels: a target, and a G-buffer of which all textures hold ones, except the ids. */
@@ -334,8 +372,9 @@ static sbl_result two_pixels_end(two_pixels *p, sbl_result result, float out[2][
 
 static const int two_pixels_area[4] = { 0, 0, 2, 1 }, two_pixels_rows[2] = { 0, 1 };
 
-/* Composes two pixels with light of -1 and 3 in their lobes. out: RADIANCE with emission and reflections */
-static sbl_result compose(float out[2][4]) {
+/* Composes two pixels with light of -1 and 3 in their lobes. offset: position of the sample beside the centres, in
+   pixels. out: RADIANCE with emission and reflections */
+static sbl_result compose(float offset, float out[2][4]) {
     static const float values[2][8] = { { 0.5f, 0.5f, 0.5f, 1, 0.5f, 0.5f, 0.5f, 1 },  /* albedo */
                                         { -1, -1, -1, 1, 3, 3, 3, 1 } };               /* light in the lobe */
     two_pixels p;
@@ -353,23 +392,25 @@ static sbl_result compose(float out[2][4]) {
     r.environment = &context->core.scene.environment;
     r.camera = &camera;
     r.count = 1;
+    r.offset[0] = offset;
     r.backdrop = black[0].albedo;
     if (result == SBL_SUCCESS) result = sbl__resolve_draw(&context->core.device, &r, &p.target, two_pixels_area);
     return two_pixels_end(&p, result, out);
 }
 
 /* A pixel shows emission, albedo times R, and the light in its lobe. Noise can make the light in the lobe negative;
-   negative light counts as 0. */
+   negative light counts as 0. A sample between two pixels of a surface shows the mean of their light. */
 TEST(lobes_take_no_light_away) {
-    float out[2][4];
-    sbl_result result;
-    int i;
+    int i, beside;
     REQUIRE(use_materials(black), "no scene: %s", watch_last(&seen));
-    result = compose(out);
-    REQUIRE(result == SBL_SUCCESS, "%s: %s", sbl_result_string(result), watch_last(&seen));
-    for (i = 0; i < 6; i++)
-        CHECK(fabs((double)out[i / 3][i % 3] - (i < 3 ? 1.5 : 4.5)) < 1e-6, "pixel %d shows %g", i / 3,
-              (double)out[i / 3][i % 3]);
+    for (beside = 0; beside < 2; beside++) {
+        float out[2][4];
+        const sbl_result result = compose(beside ? 0.5f : 0, out);
+        REQUIRE(result == SBL_SUCCESS, "%s: %s", sbl_result_string(result), watch_last(&seen));
+        for (i = 0; i < 6; i++)
+            CHECK(fabs((double)out[i / 3][i % 3] - (i >= 3 ? 4.5 : beside ? 2.5 : 1.5)) < 1e-6,
+                  "pixel %d shows %g", i / 3, (double)out[i / 3][i % 3]);
+    }
 }
 
 /* Filters a layer of two pixels, which are 0 and 8, with R of 4 in both. */
@@ -408,6 +449,7 @@ TEST(groups_are_filtered_as_the_whole) {
 int main(void) {
     RUN(materials_in_c_and_in_shaders);
     RUN(shiny_materials_follow_their_formulas);
+    RUN(changes_of_gloss_are_noticed);
     RUN(lobes_take_no_light_away);
     RUN(groups_are_filtered_as_the_whole);
     sbl_destroy(context);
