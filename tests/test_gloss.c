@@ -216,14 +216,16 @@ static double look_up(const double table[ANGLES + 1], double mu) {
     return table[i] + (mu * ANGLES - i) * (table[i + 1] - table[i]);
 }
 
-/* Balls in a uniform sky of radiance 1 show their albedo, on average and at each angle. */
+/* Balls in a uniform sky of radiance 1 show their albedo, on average and at each angle. Their normals are smooth, even
+   if their triangles are as small as pixels, unless the balls are rough. */
 static void furnace(double roughness, int metal, double whole) {
     enum { BINS = 8, SIDE = 96 };
-    double table[ANGLES + 1], sums[BINS] = { 0 }, expected[BINS] = { 0 }, mean = 0, count = 0;
+    double table[ANGLES + 1], sums[BINS] = { 0 }, expected[BINS] = { 0 }, mean = 0, count = 0, across = 0;
     test_scene s = { 0 };
-    const sbl_picture_desc view = view_of_ball(SIDE, 96);
+    sbl_picture_desc view = view_of_ball(SIDE, 96);
     shot p;
     int i;
+    view.facet_limit = 2;
     furnace_table(roughness, metal, table);
     scene_sky(&s, 1, 1, 1);
     scene_sphere(&s, scene_gloss(&s, 1, 1, 1, metal, roughness), 0, 0, 0, 1, 128, 64, 1);
@@ -231,7 +233,9 @@ static void furnace(double roughness, int metal, double whole) {
     for (i = 0; i < SIDE * SIDE; i++) {
         const int x = i % SIDE, y = i / SIDE;
         const double shown = (double)at(&p, SBL_CHANNEL_FINAL, x, y)[1], mu = cosine_at(&p, x, y);
+        const float *normal = at(&p, SBL_CHANNEL_NORMAL, x, y);
         if (at(&p, SBL_CHANNEL_ID, x, y)[0] <= 0) continue;
+        across = test_max(across, fabs((double)normal[0] - (2 * x + 1.0) / SIDE + 1));
         mean += shown;
         count++;
         if (mu < 1.0 / BINS) continue;
@@ -242,6 +246,7 @@ static void furnace(double roughness, int metal, double whole) {
     printf("    roughness %.1f, %s: mean %.4f of %.4f;", roughness, metal ? "metal" : "plastic", mean, whole);
     for (i = 1; i < BINS; i++) printf(" %+.2f", 100 * (sums[i] / expected[i] - 1));
     printf(" %% by angle\n");
+    CHECK(roughness < 0.6 ? across < 0.002 : across > 0.01, "roughness %g: normals are off by %.4f", roughness, across);
     CHECK(whole <= 0 || fabs(mean / whole - 1) < 0.005, "roughness %g: mean %.4f, not %.4f", roughness, mean, whole);
     for (i = 1; i < BINS; i++)
         CHECK(fabs(sums[i] / expected[i] - 1) < 0.005, "roughness %g, metal %d, cosine %.2f: %.4f times as bright",
@@ -621,6 +626,23 @@ TEST(mirrors_blur_what_they_show) {
     scene_free(&s);
 }
 
+/* Returns the largest difference between the last column of a window, which ends `width` pixels from the left edge, and
+   the same column of the whole picture. */
+static double last_column_differs(const test_scene *s, sbl_picture_desc view, int width, shot *whole) {
+    double off = 0;
+    shot part;
+    int y;
+    view.window[2] = width;
+    view.window[3] = view.height;
+    if (!shoot(&part, s, &view)) return 1e9;
+    part.view.width = width;
+    for (y = 0; y < view.height; y++)
+        off = test_max(off, fabs((double)(at(&part, SBL_CHANNEL_FINAL, width - 1, y)[0] -
+                                          at(whole, SBL_CHANNEL_FINAL, width - 1, y)[0])));
+    forget(&part);
+    return off;
+}
+
 /* The right half of the picture shows a blurred mirror, which is narrower at one end, and a lamp beside the narrow end.
    The mirror shows a lamp behind the camera with a slanted edge, and another lamp at its left edge. The left half of
    the picture shows one more lamp with slanted edges. With few samples per pixel, lamps that are seen directly show
@@ -651,6 +673,7 @@ static void few_samples_and_many(int samples, int least) {
     at(&few, SBL_CHANNEL_DISPLAY, 0, 0);
     view.samples = least;
     if (!shoot(&many, &s, &view)) return;
+    view.samples = samples;
     for (y = 0; y < WIDE; y++)
         for (x = 0; x < WIDE; x++) {
             const double shown = (double)at(&few, SBL_CHANNEL_FINAL, x, y)[0];
@@ -671,6 +694,8 @@ static void few_samples_and_many(int samples, int least) {
     CHECK(edges > 20 && beside > 2 && bright > 20 && blurred > 20, "%d, %d, %d and %d pixels", edges, beside, bright,
           blurred);
     CHECK(worst < 1e-4 && off < 1e-5 && display < 1e-5, "off by %.6f, %.6f and %.6f", worst, off, display);
+    off = last_column_differs(&s, view, WIDE / 2 + 1, &many);  /* the next column shows the mirror */
+    CHECK(off < 1e-5, "a window beside the mirror is off by %.6f", off);
     forget(&few);
     forget(&many);
     scene_free(&s);
