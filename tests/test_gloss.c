@@ -1693,6 +1693,53 @@ TEST(mirrored_lamps_are_found) {
     }
 }
 
+/* A wall of strong gloss mirrors two lights, of which one or the other is brighter, or one light and a sky of radiance
+   1. Rays find all of them, and add the right light. Readings of 128 rays would differ by 1.5 times what the wall adds,
+   if no ray were sent to the weaker light. */
+TEST(several_lamps_are_mirrored) {
+    enum { SITES = 256, STEPS = 100 };
+    static sbl_reading readings[SITES];
+    const sbl_readings_desc desc = floor_readings(readings, SITES, 128);
+    const double f0 = 1.6 * 1.6 / 3.6 / 3.6;
+    int kind, i;
+    for (kind = 0; kind < 3; kind++) {
+        test_scene s = { 0 };
+        double mean = 0, all = 0, squares = 0, wanted = 0;
+        sbl_scene_desc scene;
+        const int wall = scene_gloss(&s, 0, 0, 0, 0, 0), lights = kind == 2 ? 1 : 2;
+        s.materials[wall].ior = 2.6f;
+        for (i = 0; i < lights; i++) {
+            const float strength = i == kind ? 1 : 3;
+            sbl_light *l = scene_light(&s, SBL_LIGHT_POINT, strength, strength, strength);
+            l->position[0] = i ? 0.6f : 1;
+            l->position[1] = i ? 0.8f : 1.5f;
+            l->position[2] = i ? -1.2f : 0.2f;
+        }
+        if (kind == 2) scene_sky(&s, 1, 1, 1);
+        scene_quad(&s, wall, -0.2f, -60, -60, -0.2f, -60, 60, -0.2f, 60, 60, -0.2f, 60, -60);
+        scene = scene_desc(&s);
+        CHECK(sbl_set_scene(context, &scene) == SBL_SUCCESS && sbl_gather_readings(context, &desc) == SBL_SUCCESS,
+              "no reading: %s", watch_last(&seen));
+        for (i = 0; i < lights; i++) {
+            const float *at = s.lights[i].position;
+            const double d2 = (double)(at[0] * at[0] + at[1] * at[1] + at[2] * at[2]);
+            wanted += mirrored_wanted(&s.lights[i], 0.15, f0);
+            mean -= (double)s.lights[i].intensity[0] * (double)at[1] / pow(d2, 1.5) / TEST_PI;
+        }
+        for (i = 0; i < STEPS && kind == 2; i++) {
+            const double c = (i + 0.5) / STEPS;
+            wanted += 0.5 / STEPS + 2 / TEST_PI * sqrt(1 - c * c) * lobe__albedo(c, 0.15, f0, 128) / STEPS;
+        }
+        for (i = 0; i < SITES; i++) all += (double)readings[i].radiance[1] / SITES;
+        for (i = 0; i < SITES; i++) squares += pow((double)readings[i].radiance[1] - all, 2) / SITES;
+        mean += all;
+        printf("    kind %d: %.5f of %.5f; readings differ by %.3f of it\n", kind, mean, wanted, sqrt(squares) / wanted);
+        CHECK(fabs(mean / wanted - 1) < 0.03, "kind %d: %.5f of %.5f", kind, mean, wanted);
+        CHECK(sqrt(squares) < 0.5 * wanted, "kind %d: readings differ by %.3f", kind, sqrt(squares) / wanted);
+        scene_free(&s);
+    }
+}
+
 /* Returns R that a wall of metal at x = -0.2, with a roughness of 0.3, adds on a floor at the origin, from a point
    light that is so near to the wall that most of this R comes from a small part of the wall. */
 static double mirrored_beside(const sbl_light *l) {
@@ -1829,6 +1876,36 @@ TEST(rays_to_mirrored_lamps_are_inspected) {
     printf("    %d of %d rays have a weight of their own, %d the wrong length\n", uneven, rays, wrong);
     CHECK(rays > 500 && uneven > rays / 4 && !wrong, "%d of %d rays have the wrong length; %d have a weight of their "
           "own", wrong, rays, uneven);
+    scene_free(&s);
+}
+
+/* A light that almost touches a floor is far brighter than its image in a ceiling far above. No ray is sent to the image,
+   so that all rays of a sensor have the same weight. */
+TEST(near_lamps_outshine_their_images) {
+    static float weights[4096];
+    test_scene s = { 0 };
+    sbl_scene_desc scene;
+    sbl_sensor sensor;
+    sbl_picture_desc view = scene_view(1, 1, 2, 0.5f, 1, 0, 0, 0, 0);
+    const int ceiling = scene_gloss(&s, 0, 0, 0, 0, 0);
+    int i, rays = 0;
+    s.materials[ceiling].ior = 2.6f;
+    scene_light(&s, SBL_LIGHT_POINT, 1, 1, 1)->position[1] = 0.1f;
+    scene_floor(&s, scene_material(&s, 0.6f, 0.6f, 0.6f), 0, 1);
+    scene_floor(&s, ceiling, 5, 20);
+    view.options.mode = SBL_MODE_GI;
+    view.options.rays = 64;
+    scene = scene_desc(&s);
+    scene.max_bounce_cells = 1024;
+    REQUIRE(sbl_set_scene(context, &scene) == SBL_SUCCESS && sbl_render_picture(context, &view) == SBL_SUCCESS &&
+            sbl_inspect_sensor(context, 0, 0, &sensor, NULL, weights, 4096) == SBL_SUCCESS && sensor.sensed,
+            "no sensor: %s", watch_last(&seen));
+    for (i = 0; i < sensor.ray_count; i++) {
+        if (sensor.rays[i].lamp >= 0) continue;
+        CHECK(fabs((double)weights[i] * 64 - 1) < 0.01, "ray %d has the weight %g / 64", i, (double)weights[i] * 64);
+        rays++;
+    }
+    CHECK(rays >= 64, "%d rays", rays);
     scene_free(&s);
 }
 
@@ -2835,11 +2912,13 @@ int main(void) {
     RUN_UNSANITIZED(gloss_mirrors_lamps_to_floors);
     RUN_UNSANITIZED(panes_in_furnaces_are_white);
     RUN_UNSANITIZED(mirrored_lamps_are_found);
+    RUN_UNSANITIZED(several_lamps_are_mirrored);
     RUN_UNSANITIZED(lamps_beside_mirrors);
     RUN(glows_do_not_widen_lamps_in_mirrors);
     RUN_UNSANITIZED(mirrored_suns_have_no_unit);
     RUN_UNSANITIZED(guided_rays_and_mirrored_lamps);
     RUN_UNSANITIZED(rays_to_mirrored_lamps_are_inspected);
+    RUN_UNSANITIZED(near_lamps_outshine_their_images);
     RUN_UNSANITIZED(glows_of_metal_count_once);
     RUN_UNSANITIZED(bright_places_are_seen_by_way_of_metal);
     RUN_UNSANITIZED(furnace_of_a_mirror_ball);
