@@ -2801,6 +2801,71 @@ TEST(errors_are_foretold) {
     scene_free(&s);
 }
 
+/* A smooth floor reflects a wall, half of which lies in the shadow of the sun. The reflection shows the edge of the shadow
+   and the light beside it, although the wall has only a few cells. */
+TEST(smooth_floors_show_no_cells) {
+    enum { SIDE = 12 };
+    sbl_picture_desc view = scene_plain(view_of_plate(SIDE, SIDE, 12, 45, 64), SBL_MODE_GI, 0);
+    test_scene s = { 0 };
+    const double lit = 0.8 * 3 / TEST_PI;
+    double worst = 0;
+    sbl_scene_desc scene;
+    int i, beside = 0;
+    shot p;
+    scene_floor(&s, scene_gloss(&s, 0, 0, 0, 0, 0.1), 0, 1);
+    scene_quad(&s, scene_material(&s, 0.8f, 0.8f, 0.8f), -1, 0, -2, -1, 0, 2, -1, 3, 2, -1, 3, -2);
+    scene_quad(&s, scene_material(&s, 0, 0, 0), 4, 0, -3, 4, 0, 0, 4, 4, 0, 4, 4, -3);
+    scene_floor(&s, scene_material(&s, 0, 0, 0), -20, 8);  /* takes most of the cells */
+    scene_light(&s, SBL_LIGHT_DIRECTIONAL, 3, 3, 3)->direction[0] = -1;
+    scene = scene_desc(&s);
+    scene.max_bounce_cells = 1024;
+    memset(&p, 0, sizeof p);
+    p.view = view;
+    p.context = context;
+    REQUIRE(sbl_set_scene(context, &scene) == SBL_SUCCESS && sbl_render_picture(context, &view) == SBL_SUCCESS,
+            "no picture: %s", watch_last(&seen));
+    for (i = 0; i < SIDE * SIDE; i++) {
+        const double shown = (double)at(&p, SBL_CHANNEL_SPECULAR, i % SIDE, i / SIDE)[1];
+        double way[3], z;
+        look(&view, i % SIDE, i / SIDE, way);
+        z = (4 * sqrt(0.5) + 1) / -way[0] * way[2];
+        if (fabs(z) < 0.15) continue;
+        worst = test_max(worst, fabs(shown - (z > 0 ? lit : 0)));
+        beside += fabs(z) < 0.3;
+    }
+    printf("    off by %.4f of %.4f\n", worst, lit);
+    CHECK(worst < 0.1 * lit && beside > 20, "off by %.4f of %.4f, %d pixels beside the edge", worst, lit, beside);
+    forget(&p);
+    scene_free(&s);
+}
+
+/* A rough floor sees a light in a mirror. Its pixels, which all see the same, differ little, because the mirror blurs the
+   light as half the roughness of the floor would. */
+TEST(floors_see_lights_in_mirrors_evenly) {
+    enum { SIDE = 12 };
+    sbl_picture_desc view = scene_plain(view_of_plate(SIDE, SIDE, 0.1, 45, 64), SBL_MODE_GI, 0);
+    const double side = sqrt(0.5), v[3] = { side, 0, side }, l[3] = { -side, 0, side };
+    const double sharp = lobe_brdf(v, l, 0.4, 1) * side / 18;  /* the image of the light is at -3 3 0 */
+    test_scene s = { 0 };
+    double mean = 0, squares = 0;
+    int i;
+    shot p;
+    view.options.rays = 256;
+    scene_floor(&s, scene_gloss(&s, 1, 1, 1, 1, 0.4), 0, 0.1f);
+    scene_quad(&s, scene_gloss(&s, 1, 1, 1, 1, 0), -1, 0, -2, -1, 0, 2, -1, 3, 2, -1, 3, -2);
+    scene_light(&s, SBL_LIGHT_POINT, 1, 1, 1)->position[0] = 1;
+    s.lights[0].position[1] = 3;
+    if (!shoot(&p, &s, &view)) return;
+    for (i = 0; i < SIDE * SIDE; i++) mean += reflected(&p, i % SIDE, i / SIDE, 1) / (SIDE * SIDE);
+    for (i = 0; i < SIDE * SIDE; i++) squares += pow(reflected(&p, i % SIDE, i / SIDE, 1) - mean, 2) / (SIDE * SIDE);
+    printf("    %.4f, %.4f if the mirror did not blur; pixels differ by %.4f of it\n", mean, sharp,
+           sqrt(squares) / mean);
+    CHECK(mean < sharp && mean > 0.8 * sharp && sqrt(squares) < 0.1 * mean, "%.4f of %.4f; pixels differ by %.4f", mean,
+          sharp, sqrt(squares));
+    forget(&p);
+    scene_free(&s);
+}
+
 /* A lamp is much wider than the lobe of a floor, and most of it is hidden, but not most of the light in the lobe. The
    predicted error is between about one and three times the deviation of the pixels, which all see the same. */
 TEST(noise_in_lobes_is_foretold) {
@@ -2937,6 +3002,8 @@ int main(void) {
     RUN_UNSANITIZED(errors_of_final_are_foretold);
     RUN_UNSANITIZED(parts_of_the_error_add_up);
     RUN_UNSANITIZED(errors_are_foretold);
+    RUN_UNSANITIZED(smooth_floors_show_no_cells);
+    RUN_UNSANITIZED(floors_see_lights_in_mirrors_evenly);
     RUN_UNSANITIZED(noise_in_lobes_is_foretold);
     RUN(chance_finds_buy_few_looks);
     RUN_UNSANITIZED(views_and_lobes);
