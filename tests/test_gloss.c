@@ -2772,6 +2772,39 @@ TEST(parts_of_the_error_add_up) {
     }
 }
 
+/* Metal that no pixel shows has no effect on the predicted error of FINAL: it is that of R times albedo, also if the
+   surfaces in penumbrae are dark. */
+TEST(errors_without_visible_lobes) {
+    sbl_picture_desc view = scene_view(ROOM_WIDTH, ROOM_HEIGHT, 40, 0, 3, 0.01f, 0, 0, 0);
+    const int dark = 4;
+    double off2 = 0, final = 0, wanted, stated;
+    test_scene s = { 0 };
+    shot p;
+    int i;
+    glossy_scene(&s, 1);
+    for (i = 0; i < 3; i++) s.materials[dark].albedo[i] = 0.05f;
+    s.mesh_count = 1;
+    scene_quad(&s, dark, -4, 0.001f, -4, -4, 0.001f, 4, 0, 0.001f, 4, 0, 0.001f, -4);
+    scene_quad(&s, dark, -0.5f, 0.4f, -0.5f, -0.5f, 0.4f, 0.5f, -0.1f, 0.4f, 0.5f, -0.1f, 0.4f, -0.5f);
+    scene_quad(&s, scene_gloss(&s, 1, 1, 1, 1, 0.2), -1, 0, 8, 1, 0, 8, 1, 1, 8, -1, 1, 8);
+    view.options.mode = SBL_MODE_DIRECT;
+    view.samples = 1;
+    if (!shoot(&p, &s, &view)) return;
+    stated = (double)sbl_query_stats(context).picture.expected_error;
+    for (i = 0; i < ROOM_PIXELS; i++) {
+        const int x = i % ROOM_WIDTH, y = i / ROOM_WIDTH;
+        off2 += pow((double)at(&p, SBL_CHANNEL_RADIANCE_ERROR, x, y)[0] *
+                    luminance_of(at(&p, SBL_CHANNEL_ALBEDO, x, y)), 2);
+        final += luminance_of(at(&p, SBL_CHANNEL_FINAL, x, y));
+    }
+    wanted = sqrt(off2 * ROOM_PIXELS) / final;
+    printf("    error of FINAL %.5f, %.5f stated; of R %.5f\n", wanted, stated,
+           (double)sbl_query_stats(context).picture.radiance_error);
+    CHECK(fabs(stated / wanted - 1) < 0.005, "the error of FINAL is %g, not %g", stated, wanted);
+    forget(&p);
+    scene_free(&s);
+}
+
 /* The error of reflections is close to the prediction. */
 TEST(errors_are_foretold) {
     sbl_picture_desc view = glossy_view(SBL_MODE_DIRECT), exact = scene_plain(view, SBL_MODE_DIRECT, 0);
@@ -3001,6 +3034,7 @@ int main(void) {
     RUN_UNSANITIZED(errors_of_small_things_are_shares);
     RUN_UNSANITIZED(errors_of_final_are_foretold);
     RUN_UNSANITIZED(parts_of_the_error_add_up);
+    RUN_UNSANITIZED(errors_without_visible_lobes);
     RUN_UNSANITIZED(errors_are_foretold);
     RUN_UNSANITIZED(smooth_floors_show_no_cells);
     RUN_UNSANITIZED(floors_see_lights_in_mirrors_evenly);
