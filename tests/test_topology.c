@@ -2256,6 +2256,48 @@ TEST(reflections_have_their_own_options) {
     CHECK(core.base.memory.host_bytes == 0, "memory is left");
 }
 
+/* The light of a lobe that stored light causes is the less certain, the fewer cells the lobe sees: 8 alpha^2 times as many
+   as R, but at least a tenth. R stands for the light in rough lobes only. */
+TEST(sharp_lobes_see_few_cells) {
+    static const double roughness[4] = { 0.2, 0.4, 0.5, 1 };
+    static sbl__reflections f;
+    static sbl__map m;
+    sbl__sensor sensor, *block = &sensor;
+    sbl__pixel pixels[2];
+    sbl__pixel_lobe lobe;
+    sbl__spec spec;
+    float lobe_of[4] = { 0 }, none[4] = { 0 }, layers[1] = { 0 };
+    sbl__leaf leaf;
+    float specular[4] = { 1, 1, 1, 0 }, radiance[4] = { 3, 3, 3, 1 };
+    const float *const from[SBL__READS] = { lobe_of, specular, none, radiance };
+    int i;
+    memset(&sensor, 0, sizeof sensor);
+    memset(pixels, 0, sizeof pixels);
+    memset(&spec, 0, sizeof spec);
+    spec.bounced = 1;
+    leaf.light[0] = leaf.light[1] = leaf.light[2] = 2;
+    sbl__leaf_set_uncertainty(&leaf, 0.125);
+    pixels[0].id = 1;
+    m.refine.pixels = pixels;
+    m.refine.spec = &spec;
+    f.refine.pixels = pixels + 1;
+    f.refine.spec = &f.spec;
+    f.refine.lobes = &lobe;
+    f.refine.layers = layers;
+    m.refine.sensors = f.refine.sensors = &block;
+    m.refine.width = f.refine.width = 1;
+    m.refine.stored_light = leaf.light;
+    for (i = 0; i < 4; i++) {
+        const double cells = fmax(8 * pow(roughness[i], 4), 0.1);
+        lobe_of[1] = (float)((SBL__LOBE_STEPS + 1) * floor(SBL__LOBE_STEPS * roughness[i] + 0.5));
+        REQUIRE(sbl__reflections_put(&f, &m, 0, from) == SBL_SUCCESS, "no memory");
+        CHECK(fabs((double)lobe.fixed_error / 0.25 * sqrt(fmin(cells, 1)) - 1) < 0.01,
+              "roughness %g: the error is %g", roughness[i], (double)lobe.fixed_error);
+        CHECK(fabs((double)lobe.light - (i ? 3 : 0)) < 1e-5, "roughness %g: light of %g", roughness[i],
+              (double)lobe.light);
+    }
+}
+
 /* The end of a refinement frees the job of traced rays, and keeps that of views, whose weights take long to compute. */
 TEST(jobs_of_views_are_kept) {
     static sbl__core core;
@@ -3645,6 +3687,7 @@ int main(void) {
     RUN(flat_boxes_are_thick_enough);
     RUN(glimpses_are_coarse);
     RUN(reflections_have_their_own_options);
+    RUN(sharp_lobes_see_few_cells);
     RUN(jobs_of_views_are_kept);
     RUN(pixels_of_all_kinds_are_read);
     RUN(skies_are_turned);
