@@ -1559,6 +1559,40 @@ TEST(gloss_lights_floors) {
     }
 }
 
+/* Returns R on the floor of a tall tube of metal whose lid is lit by a lamp below it, which only shines upwards. The lid
+   reflects this share of the lamp's light along its normal. */
+static double below_a_lid(double reflectance) {
+    enum { SITES = 64 };
+    static sbl_reading readings[SITES];
+    const sbl_readings_desc desc = floor_readings(readings, SITES, 512);
+    test_scene s = { 0 };
+    const int tube = scene_gloss(&s, 1, 1, 1, 1, 0.3), lamp = scene_lamp(&s, 30, 30, 30);
+    const int lid = scene_gloss(&s, reflectance, reflectance, reflectance, 1, 0.4);
+    sbl_scene_desc scene;
+    double mean = 0;
+    int i;
+    s.materials[lamp].flags = SBL_MATERIAL_ONE_SIDED_EMISSION;
+    scene_box(&s, tube, -0.5f, -0.001f, -0.5f, 0.5f, 3, 0.5f);
+    scene_floor(&s, scene_material(&s, 0, 0, 0), 0, 0.5f);
+    scene_floor(&s, lid, 2.999f, 0.5f);
+    scene_quad(&s, lamp, -0.2f, 2.8f, -0.2f, -0.2f, 2.8f, 0.2f, 0.2f, 2.8f, 0.2f, 0.2f, 2.8f, -0.2f);
+    scene = scene_desc(&s);
+    CHECK(sbl_set_scene(context, &scene) == SBL_SUCCESS && sbl_gather_readings(context, &desc) == SBL_SUCCESS,
+          "no reading: %s", watch_last(&seen));
+    for (i = 0; i < SITES; i++) mean += (double)readings[i].radiance[1] / SITES;
+    scene_free(&s);
+    return mean;
+}
+
+/* Light arrives at a floor by way of metal and then a lid. It makes little difference whether the lid counts as metal
+   (SBL__STRONG), at which all rays continue, or as gloss. Where rays end, metal has its mean albedo, and gloss the albedo
+   for the direction of the ray, which is lower here. */
+TEST(weak_metal_is_like_strong_gloss) {
+    const double gloss = below_a_lid(0.199), metal = below_a_lid(0.201);
+    printf("    R below a lid of gloss %.4f, of metal %.4f\n", gloss, metal);
+    CHECK(gloss > 0 && fabs(gloss / metal - 1) < 0.15, "R is %.4f below gloss, %.4f below metal", gloss, metal);
+}
+
 /* The same wall also reflects a lamp to the floor, mostly at angles at which it reflects less than a tenth. The light
    is a sum as for metal. */
 TEST(gloss_mirrors_lamps_to_floors) {
@@ -3007,6 +3041,7 @@ int main(void) {
     RUN_UNSANITIZED(metal_lights_floors);
     RUN_UNSANITIZED(metal_lights_floors_evenly);
     RUN_UNSANITIZED(gloss_lights_floors);
+    RUN_UNSANITIZED(weak_metal_is_like_strong_gloss);
     RUN_UNSANITIZED(gloss_mirrors_lamps_to_floors);
     RUN_UNSANITIZED(panes_in_furnaces_are_white);
     RUN_UNSANITIZED(mirrored_lamps_are_found);
