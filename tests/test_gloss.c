@@ -1559,8 +1559,8 @@ TEST(gloss_lights_floors) {
     }
 }
 
-/* Returns R on the floor of a tall tube of metal whose lid is lit by a lamp below it, which only shines upwards. The lid
-   reflects this share of the lamp's light along its normal. */
+/* Returns R on the floor of a tall tube of metal whose lid is lit by a lamp below it, which only shines upwards.
+   reflectance: of the lid, along its normal */
 static double below_a_lid(double reflectance) {
     enum { SITES = 64 };
     static sbl_reading readings[SITES];
@@ -1585,8 +1585,8 @@ static double below_a_lid(double reflectance) {
 }
 
 /* Light arrives at a floor by way of metal and then a lid. It makes little difference whether the lid counts as metal
-   (SBL__STRONG), at which all rays continue, or as gloss. Where rays end, metal has its mean albedo, and gloss the albedo
-   for the direction of the ray, which is lower here. */
+   (SBL__STRONG), at which all rays continue, or as gloss. Where rays end, metal has its mean albedo, and gloss has the
+   albedo for the direction of the ray, which is lower here. */
 TEST(weak_metal_is_like_strong_gloss) {
     const double gloss = below_a_lid(0.199), metal = below_a_lid(0.201);
     printf("    R below a lid of gloss %.4f, of metal %.4f\n", gloss, metal);
@@ -1767,7 +1767,8 @@ TEST(several_lamps_are_mirrored) {
         for (i = 0; i < SITES; i++) all += (double)readings[i].radiance[1] / SITES;
         for (i = 0; i < SITES; i++) squares += pow((double)readings[i].radiance[1] - all, 2) / SITES;
         mean += all;
-        printf("    kind %d: %.5f of %.5f; readings differ by %.3f of it\n", kind, mean, wanted, sqrt(squares) / wanted);
+        printf("    kind %d: %.5f of %.5f; readings differ by %.3f of it\n", kind, mean, wanted,
+               sqrt(squares) / wanted);
         CHECK(fabs(mean / wanted - 1) < 0.03, "kind %d: %.5f of %.5f", kind, mean, wanted);
         CHECK(sqrt(squares) < 0.5 * wanted, "kind %d: readings differ by %.3f", kind, sqrt(squares) / wanted);
         scene_free(&s);
@@ -1913,8 +1914,8 @@ TEST(rays_to_mirrored_lamps_are_inspected) {
     scene_free(&s);
 }
 
-/* A light that almost touches a floor is far brighter than its image in a ceiling far above. No ray is sent to the image,
-   so that all rays of a sensor have the same weight. */
+/* A light that almost touches a floor is far brighter than its image in a ceiling far above. No ray is sent to the
+   image, so that all rays of a sensor have the same weight. */
 TEST(near_lamps_outshine_their_images) {
     static float weights[4096];
     test_scene s = { 0 };
@@ -2868,8 +2869,8 @@ TEST(errors_are_foretold) {
     scene_free(&s);
 }
 
-/* A smooth floor reflects a wall, half of which lies in the shadow of the sun. The reflection shows the edge of the shadow
-   and the light beside it, although the wall has only a few cells. */
+/* A smooth floor reflects a wall, half of which lies in a shadow. The reflection shows the edge of the shadow and the
+   light beside it, although the wall has only a few cells. */
 TEST(smooth_floors_show_no_cells) {
     enum { SIDE = 12 };
     sbl_picture_desc view = scene_plain(view_of_plate(SIDE, SIDE, 12, 45, 64), SBL_MODE_GI, 0);
@@ -2906,8 +2907,8 @@ TEST(smooth_floors_show_no_cells) {
     scene_free(&s);
 }
 
-/* A rough floor sees a light in a mirror. Its pixels, which all see the same, differ little, because the mirror blurs the
-   light as half the roughness of the floor would. */
+/* A rough floor sees a light in a mirror. Its pixels, which all see the same, differ little, because the mirror gets
+   half the roughness of the floor, and blurs the light. */
 TEST(floors_see_lights_in_mirrors_evenly) {
     enum { SIDE = 12 };
     sbl_picture_desc view = scene_plain(view_of_plate(SIDE, SIDE, 0.1, 45, 64), SBL_MODE_GI, 0);

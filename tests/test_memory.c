@@ -66,8 +66,8 @@ TEST(memory_of_pictures_is_predicted) {
     }
 }
 
-/* Large pictures need most memory after R is known. If surfaces have lobes, the estimate includes their jobs then, 40 MB
-   for pictures of any size. */
+/* Large pictures need most memory after R is known. If surfaces have lobes, the estimate includes their jobs then:
+   40 MB for pictures of any size. */
 TEST(reflections_have_jobs) {
     int gloss;
     for (gloss = 0; gloss < 2; gloss++) {
