@@ -2244,6 +2244,7 @@ TEST(reflections_have_their_own_options) {
     m.refine.shown2 = 4;
     m.refine.predicted = 0.1;
     core.stats.picture.price = 3;
+    memset(f.refine.pixels, 0, sizeof *f.refine.pixels);  /* the pixel has sensor 0 */
     f.refine.sensors[0][0].work = 8 * (float)sbl__look_rays(m.desc.target_error);
     sbl__reflections_end(&f, &m);
     CHECK(fabs((double)core.stats.picture.radiance_error - 0.2) < 1e-6 &&
