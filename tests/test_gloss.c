@@ -800,9 +800,11 @@ TEST(panes_read_red) {
         sbl_mesh *floor;
         shot p;
         s.materials[pane].transmission_texture = scene_texture(&s, texel, sizeof texel, SBL_PIXELS_LINEAR8, 1, 1, 4);
-        s.materials[pane].albedo_texture = scene_texture(&s, cover, sizeof cover, SBL_PIXELS_LINEAR8, 1, 1, 4);
         floor = scene_floor(&s, pane, 0, 1);
-        if (blends) scene_blend(&s, floor, 0.5f);
+        if (blends) {
+            s.materials[pane].albedo_texture = scene_texture(&s, cover, sizeof cover, SBL_PIXELS_LINEAR8, 1, 1, 4);
+            scene_blend(&s, floor, 0.5f);
+        }
         scene_floor(&s, scene_lamp(&s, 1, 1, 1), -1, 3);
         if (!shoot(&p, &s, &view)) return;
         CHECK(fabs((double)at(&p, SBL_CHANNEL_FINAL, 0, 0)[1] - wanted) < 0.002, "the lamp behind shows %.4f, not %.4f",
