@@ -216,14 +216,16 @@ static double look_up(const double table[ANGLES + 1], double mu) {
     return table[i] + (mu * ANGLES - i) * (table[i + 1] - table[i]);
 }
 
-/* Balls in a uniform sky of radiance 1 show their albedo, on average and at each angle. */
+/* Balls in a uniform sky of radiance 1 show their albedo, on average and at each angle. Their normals are smooth, even
+   if their triangles are as small as pixels, unless the balls are rough. */
 static void furnace(double roughness, int metal, double whole) {
     enum { BINS = 8, SIDE = 96 };
-    double table[ANGLES + 1], sums[BINS] = { 0 }, expected[BINS] = { 0 }, mean = 0, count = 0;
+    double table[ANGLES + 1], sums[BINS] = { 0 }, expected[BINS] = { 0 }, mean = 0, count = 0, across = 0;
     test_scene s = { 0 };
-    const sbl_picture_desc view = view_of_ball(SIDE, 96);
+    sbl_picture_desc view = view_of_ball(SIDE, 96);
     shot p;
     int i;
+    view.facet_limit = 2;
     furnace_table(roughness, metal, table);
     scene_sky(&s, 1, 1, 1);
     scene_sphere(&s, scene_gloss(&s, 1, 1, 1, metal, roughness), 0, 0, 0, 1, 128, 64, 1);
@@ -231,7 +233,9 @@ static void furnace(double roughness, int metal, double whole) {
     for (i = 0; i < SIDE * SIDE; i++) {
         const int x = i % SIDE, y = i / SIDE;
         const double shown = (double)at(&p, SBL_CHANNEL_FINAL, x, y)[1], mu = cosine_at(&p, x, y);
+        const float *normal = at(&p, SBL_CHANNEL_NORMAL, x, y);
         if (at(&p, SBL_CHANNEL_ID, x, y)[0] <= 0) continue;
+        across = test_max(across, fabs((double)normal[0] - (2 * x + 1.0) / SIDE + 1));
         mean += shown;
         count++;
         if (mu < 1.0 / BINS) continue;
@@ -242,6 +246,7 @@ static void furnace(double roughness, int metal, double whole) {
     printf("    roughness %.1f, %s: mean %.4f of %.4f;", roughness, metal ? "metal" : "plastic", mean, whole);
     for (i = 1; i < BINS; i++) printf(" %+.2f", 100 * (sums[i] / expected[i] - 1));
     printf(" %% by angle\n");
+    CHECK(roughness < 0.6 ? across < 0.002 : across > 0.01, "roughness %g: normals are off by %.4f", roughness, across);
     CHECK(whole <= 0 || fabs(mean / whole - 1) < 0.005, "roughness %g: mean %.4f, not %.4f", roughness, mean, whole);
     for (i = 1; i < BINS; i++)
         CHECK(fabs(sums[i] / expected[i] - 1) < 0.005, "roughness %g, metal %d, cosine %.2f: %.4f times as bright",
@@ -310,14 +315,14 @@ TEST(albedo_of_lobes) {
 }
 
 /* The green channel of the texture multiplies the roughness, and the blue channel multiplies metallic; red has no
-   effect. */
+   effect. Products above 1 count as 1. */
 TEST(specular_textures) {
-    static const unsigned char texels[8] = { 255, 128, 255, 255, 10, 255, 51, 255 };
+    static const float texels[8] = { 1, 0.5f, 3, 1, 0.04f, 2, 0.2f, 1 };
     test_scene s = { 0 };
     sbl_picture_desc view = view_of_plate(2, 1, 1, 60, 1);
     shot p;
     int i, k, number = scene_gloss(&s, 0.8, 0.5, 0.2, 1, 0.8);
-    const int texture = scene_texture(&s, texels, sizeof texels, SBL_PIXELS_LINEAR8, 2, 1, 4);
+    const int texture = scene_texture(&s, texels, sizeof texels, SBL_PIXELS_FLOAT, 2, 1, 4);
     scene_quad(&s, number, -1, 0, 1, 1, 0, 1, 1, 0, -1, -1, 0, -1);
     s.materials[number].specular_texture = texture;
     s.textures[texture - 1].wrap = SBL_WRAP_CLAMP;
@@ -327,8 +332,8 @@ TEST(specular_textures) {
         for (k = 0; k < 8; k += 2) ((float *)(uintptr_t)s.meshes[0].texcoords.data)[k] = i ? 0.75f : 0.25f;
         if (!shoot(&p, &s, &view)) break;
         f = cosine_at(&p, 0, 0);
-        black = lobe_albedo(f, i ? 0.8 : 0.8 * 128 / 255, 0);
-        white = lobe_albedo(f, i ? 0.8 : 0.8 * 128 / 255, 1);
+        black = lobe_albedo(f, i ? 1 : 0.8 * 0.5, 0);
+        white = lobe_albedo(f, i ? 1 : 0.8 * 0.5, 1);
         for (k = 0; k < 3; k++) {
             const double base = (double)s.materials[number].albedo[k], front = i ? 0.2 * base + 0.8 * 0.04 : base;
             const double got = (double)at(&p, SBL_CHANNEL_SPECULAR_ALBEDO, 0, 0)[k];
@@ -497,12 +502,13 @@ TEST(pixels_average_normals) {
 /* >>mirrors */
 
 /* A metal mirror reflects a lamp, attenuated by the Fresnel term; so do two mirrors in sequence and smooth black
-   plastic. */
+   plastic. The lamp may let light pass. The channels show the point that a perfect mirror shows, also if the mirror is
+   a little rough. */
 TEST(mirrors_show_lamps) {
     static const double base[3] = { 0.9, 0.6, 0.3 };
-    static const char *const names[4] = { "a mirror", "roughness 0.07", "two mirrors", "plastic" };
+    static const char *const names[5] = { "a mirror", "roughness 0.07", "two mirrors", "plastic", "a clear lamp" };
     int kind, k, i;
-    for (kind = 0; kind < 4; kind++) {
+    for (kind = 0; kind < 5; kind++) {
         test_scene s = { 0 };
         const sbl_picture_desc view = view_of_plate(4, 4, 4, 60, 64);
         const int mirror = kind == 3 ? scene_gloss(&s, 0, 0, 0, 0, 0)
@@ -515,12 +521,19 @@ TEST(mirrors_show_lamps) {
         if (kind == 2) scene_quad(&s, lamp, 1, 0.9f, -2, 1, 0.9f, 2, 1, 4, 2, 1, 4, -2);  /* seen from below */
         else scene_quad(&s, lamp, -2, 0.2f, -2, -2, 0.2f, 2, -2, 3, 2, -2, 3, -2);
         s.meshes[s.mesh_count - 1].id = 99;
+        s.materials[lamp].transmission = kind == 4;
+        for (k = 0; k < 3; k++) s.materials[lamp].albedo[k] = kind == 4;
         if (!shoot(&p, &s, &view)) return;
         for (i = 0; i < 16; i++) {
             const float *final = at(&p, SBL_CHANNEL_FINAL, i % 4, i / 4);
-            double way[3];
+            const float *position = at(&p, SBL_CHANNEL_POSITION, i % 4, i / 4);
+            double way[3], slope;
             look(&view, i % 4, i / 4, way);
-            CHECK(kind == 3 || (int)at(&p, SBL_CHANNEL_ID, i % 4, i / 4)[0] == 99, "%s: no lamp is shown", names[kind]);
+            slope = (4 * sin(60 * TEST_PI / 180) + 2) / -way[0];
+            CHECK(kind > 1 || (fabs((double)position[1] + 4 * cos(60 * TEST_PI / 180) + slope * way[1]) < 1e-3 &&
+                               fabs((double)position[2] - slope * way[2]) < 1e-3),
+                  "%s: shows the point %g %g", names[kind], (double)position[1], (double)position[2]);
+            CHECK(kind > 2 || (int)at(&p, SBL_CHANNEL_ID, i % 4, i / 4)[0] == 99, "%s: no lamp is shown", names[kind]);
             for (k = 0; k < 3; k++) {
                 double wanted = (3 - k) * lobe__fresnel(fabs(way[1]), kind == 3 ? 0.04 : base[k]);
                 if (kind == 2) wanted *= lobe__fresnel(fabs(way[0]), base[k]);
@@ -539,7 +552,7 @@ TEST(mirrors_show_surfaces) {
     enum { SIDE = 24 };
     enum { SAME = 5 };
     static const sbl_channel same[SAME] = { SBL_CHANNEL_RADIANCE, SBL_CHANNEL_POSITION, SBL_CHANNEL_NORMAL,
-        SBL_CHANNEL_ID, SBL_CHANNEL_SPECULAR_ALBEDO };
+        SBL_CHANNEL_ID, SBL_CHANNEL_SPECULAR_ALBEDO };  /* the mirror reflects a part of the last */
     test_scene s = { 0 };
     sbl_picture_desc view = scene_plain(scene_view(SIDE, SIDE, 12, 2, 2, 0.2f, 0, 0, 0), SBL_MODE_DIRECT, 0), behind;
     shot p, q;
@@ -555,15 +568,17 @@ TEST(mirrors_show_surfaces) {
     sbl_look_at(behind.world_to_view, 2, -2, 0.2f, 0, 0, 0, 0, 1, 0);
     if (!shoot(&q, &s, &behind)) return;
     for (i = 0; i < SAME; i++) at(&q, same[i], 0, 0);
-    scene_floor(&s, scene_gloss(&s, 1, 1, 1, 1, 0), 0, 1);
+    scene_floor(&s, scene_gloss(&s, 0.6, 0.6, 0.6, 1, 0), 0, 1);
     if (!shoot(&p, &s, &view)) return;
     for (i = 0; i < SIDE * SIDE; i++)
         for (j = 0; j < SAME; j++)
             for (k = 0; k < (j == 3 ? 1 : 3); k++) {
                 const int x = i % SIDE, y = i / SIDE;
-                const double a = (double)at(&p, same[j], x, y)[k], b = (double)at(&q, same[j], x, SIDE - 1 - y)[k];
+                double way[3], a = (double)at(&p, same[j], x, y)[k], b = (double)at(&q, same[j], x, SIDE - 1 - y)[k];
                 const float id = at(&p, SBL_CHANNEL_ID, x, y)[0], other = at(&q, SBL_CHANNEL_ID, x, SIDE - 1 - y)[0];
+                look(&view, x, y, way);
                 if (other <= 0 || (j != 3 && id != other)) continue;
+                if (j == 4) b *= lobe__fresnel(-way[1], 0.6);
                 seen_points += j == 3;
                 if (j != 3) worst[j] = test_max(worst[j], fabs(a - b) / (j ? 1 : fabs(b) + 0.01));
                 else worst[j] += a != b;
@@ -611,6 +626,23 @@ TEST(mirrors_blur_what_they_show) {
     scene_free(&s);
 }
 
+/* Returns the largest difference between the last column of a window, which ends `width` pixels from the left edge, and
+   the same column of the whole picture. */
+static double last_column_differs(const test_scene *s, sbl_picture_desc view, int width, shot *whole) {
+    double off = 0;
+    shot part;
+    int y;
+    view.window[2] = width;
+    view.window[3] = view.height;
+    if (!shoot(&part, s, &view)) return 1e9;
+    part.view.width = width;
+    for (y = 0; y < view.height; y++)
+        off = test_max(off, fabs((double)(at(&part, SBL_CHANNEL_FINAL, width - 1, y)[0] -
+                                          at(whole, SBL_CHANNEL_FINAL, width - 1, y)[0])));
+    forget(&part);
+    return off;
+}
+
 /* The right half of the picture shows a blurred mirror, which is narrower at one end, and a lamp beside the narrow end.
    The mirror shows a lamp behind the camera with a slanted edge, and another lamp at its left edge. The left half of
    the picture shows one more lamp with slanted edges. With few samples per pixel, lamps that are seen directly show
@@ -641,6 +673,7 @@ static void few_samples_and_many(int samples, int least) {
     at(&few, SBL_CHANNEL_DISPLAY, 0, 0);
     view.samples = least;
     if (!shoot(&many, &s, &view)) return;
+    view.samples = samples;
     for (y = 0; y < WIDE; y++)
         for (x = 0; x < WIDE; x++) {
             const double shown = (double)at(&few, SBL_CHANNEL_FINAL, x, y)[0];
@@ -661,6 +694,8 @@ static void few_samples_and_many(int samples, int least) {
     CHECK(edges > 20 && beside > 2 && bright > 20 && blurred > 20, "%d, %d, %d and %d pixels", edges, beside, bright,
           blurred);
     CHECK(worst < 1e-4 && off < 1e-5 && display < 1e-5, "off by %.6f, %.6f and %.6f", worst, off, display);
+    off = last_column_differs(&s, view, WIDE / 2 + 1, &many);  /* the next column shows the mirror */
+    CHECK(off < 1e-5, "a window beside the mirror is off by %.6f", off);
     forget(&few);
     forget(&many);
     scene_free(&s);
@@ -691,22 +726,29 @@ TEST(mirrors_lose_no_light) {
     }
 }
 
-/* A pane mirrors another pane, which tints the sky behind it. */
+/* A pane mirrors another pane, which tints the sky behind it, or thin metal, which shows three quarters of the sky. */
 TEST(panes_show_panes_in_mirrors) {
-    test_scene s = { 0 };
     const sbl_picture_desc view = view_of_plate(1, 1, 1, 70, 16);
-    const double once = lobe__fresnel(cos(70 * TEST_PI / 180), 0.04), wanted = 1 - once + once * 0.6 * (1 - once);
-    double shown;
-    shot p;
-    scene_sky(&s, 1, 1, 1);
-    scene_floor(&s, scene_pane(&s, 1, 1, 1, 1), 0, 1);
-    scene_quad(&s, scene_pane(&s, 0.6, 0.6, 0.6, 1), -4, 1, -1, -4, 1, 1, -2, 1, 1, -2, 1, -1);
-    if (!shoot(&p, &s, &view)) return;
-    shown = (double)at(&p, SBL_CHANNEL_FINAL, 0, 0)[1];
-    printf("    %.4f of %.4f\n", shown, wanted);
-    CHECK(fabs(shown - wanted) < 0.003, "the pane shows %.4f, not %.4f", shown, wanted);
-    forget(&p);
-    scene_free(&s);
+    const double once = lobe__fresnel(cos(70 * TEST_PI / 180), 0.04);
+    int metal;
+    for (metal = 0; metal < 2; metal++) {
+        const double wanted = 1 - once + once * (metal ? 0.75 : 0.6 * (1 - once));
+        test_scene s = { 0 };
+        sbl_mesh *other;
+        double shown;
+        shot p;
+        scene_sky(&s, 1, 1, 1);
+        scene_floor(&s, scene_pane(&s, 1, 1, 1, 1), 0, 1);
+        other = scene_quad(&s, metal ? scene_gloss(&s, 0.5, 0.5, 0.5, 1, 0) : scene_pane(&s, 0.6, 0.6, 0.6, 1), -4, 1,
+                           -1, -4, 1, 1, -2, 1, 1, -2, 1, -1);
+        if (metal) scene_blend(&s, other, 0.25f);
+        if (!shoot(&p, &s, &view)) return;
+        shown = (double)at(&p, SBL_CHANNEL_FINAL, 0, 0)[1];
+        printf("    %.4f of %.4f\n", shown, wanted);
+        CHECK(fabs(shown - wanted) < 0.003, "the pane shows %.4f, not %.4f", shown, wanted);
+        forget(&p);
+        scene_free(&s);
+    }
 }
 
 /* A pane mirrors a plate of polished metal, which mirrors the edge of a lamp. The plate blurs the edge like a
@@ -745,21 +787,31 @@ TEST(panes_blur_polished_metal) {
     scene_free(&s);
 }
 
-/* A texture of transmission takes effect through its red channel. */
+/* A texture of transmission takes effect through its red channel. The coverage of a blended pane is the product of the
+   alpha of its vertices and its texels. */
 TEST(panes_read_red) {
-    static const unsigned char texel[4] = { 51, 230, 128, 255 };
-    test_scene s = { 0 };
-    const sbl_picture_desc view = view_of_plate(1, 1, 1, 0, 1);
-    const int pane = scene_pane(&s, 1, 1, 1, 1);
-    shot p;
-    s.materials[pane].transmission_texture = scene_texture(&s, texel, sizeof texel, SBL_PIXELS_LINEAR8, 1, 1, 4);
-    scene_floor(&s, pane, 0, 1);
-    scene_floor(&s, scene_lamp(&s, 1, 1, 1), -1, 3);
-    if (!shoot(&p, &s, &view)) return;
-    CHECK(fabs((double)at(&p, SBL_CHANNEL_FINAL, 0, 0)[1] - 0.2 * 0.96) < 0.002, "the lamp behind shows %.4f",
-          (double)at(&p, SBL_CHANNEL_FINAL, 0, 0)[1]);
-    forget(&p);
-    scene_free(&s);
+    static const unsigned char texel[4] = { 51, 230, 128, 255 }, cover[4] = { 255, 255, 255, 204 };
+    int blends;
+    for (blends = 0; blends < 2; blends++) {
+        test_scene s = { 0 };
+        const sbl_picture_desc view = view_of_plate(1, 1, 1, 0, 1);
+        const int pane = scene_pane(&s, 1, 1, 1, 1);
+        const double wanted = blends ? 0.6 + 0.4 * 0.2 * 0.96 : 0.2 * 0.96;
+        sbl_mesh *floor;
+        shot p;
+        s.materials[pane].transmission_texture = scene_texture(&s, texel, sizeof texel, SBL_PIXELS_LINEAR8, 1, 1, 4);
+        floor = scene_floor(&s, pane, 0, 1);
+        if (blends) {
+            s.materials[pane].albedo_texture = scene_texture(&s, cover, sizeof cover, SBL_PIXELS_LINEAR8, 1, 1, 4);
+            scene_blend(&s, floor, 0.5f);
+        }
+        scene_floor(&s, scene_lamp(&s, 1, 1, 1), -1, 3);
+        if (!shoot(&p, &s, &view)) return;
+        CHECK(fabs((double)at(&p, SBL_CHANNEL_FINAL, 0, 0)[1] - wanted) < 0.002, "the lamp behind shows %.4f, not %.4f",
+              (double)at(&p, SBL_CHANNEL_FINAL, 0, 0)[1], wanted);
+        forget(&p);
+        scene_free(&s);
+    }
 }
 
 /* In a closed room where everything has the radiance 1, half of it reflected, a pane seen at an angle also has the
@@ -1174,14 +1226,14 @@ static void scene_company(test_scene *s) {
     scene_floor(s, scene_pane(s, 1, 1, 1, 1), -60, 0.1f);
 }
 
-/* A viewer at 50 degrees sees a lamp of radiance 3 2 1 through panes and blended surfaces. The last pane also mirrors a
+/* A viewer at 50 degrees sees a lamp of radiance 3 2 1 through panes and blended surfaces. The last panes also mirror a
    sky of radiance 0.5. */
 TEST(lamps_behind_panes) {
     static const double tint[3] = { 0.9, 0.7, 0.8 };
-    static const char *const names[7] = { "a pane", "two panes", "without reflections", "blended", "a blended pane",
-        "a half transparent pane", "a pane under the sky" };
+    static const char *const names[8] = { "a pane", "two panes", "without reflections", "blended", "a blended pane",
+        "a half transparent pane", "a pane under the sky", "a rough pane under the sky" };
     int kind, i, k;
-    for (kind = 0; kind < 7; kind++) {
+    for (kind = 0; kind < 8; kind++) {
         const sbl_picture_desc view = view_of_plate(4, 4, 8, 50, 16);
         test_scene s = { 0 };
         sbl_mesh *pane;
@@ -1193,7 +1245,8 @@ TEST(lamps_behind_panes) {
         pane = scene_floor(&s, number, 0, 1);
         if (kind == 3 || kind == 4) scene_blend(&s, pane, 0.25f);
         if (kind == 1) scene_floor(&s, number, 0.3f, 1);
-        if (kind == 6) scene_sky(&s, 0.5f, 0.5f, 0.5f);
+        if (kind >= 6) scene_sky(&s, 0.5f, 0.5f, 0.5f);
+        if (kind == 7) s.materials[number].roughness = 0.6f;
         scene_company(&s);
         scene_floor(&s, scene_lamp(&s, 3, 2, 1), -1, 4);
         if (!shoot(&p, &s, &view)) return;
@@ -1210,6 +1263,7 @@ TEST(lamps_behind_panes) {
                 if (kind == 4) through = 0.75 + 0.25 * through;
                 if (kind == 5) through *= 0.8;
                 if (kind == 6) through += fresnel * 0.5 / (3 - k);
+                if (kind == 7) through += lobe__albedo(-way[1], 0.6, 0.04, 96) * 0.5 / (3 - k);
                 worst = test_max(worst, fabs(got / (3 - k) / through - 1));
             }
         }
@@ -1543,6 +1597,40 @@ TEST(gloss_lights_floors) {
     }
 }
 
+/* Returns R on the floor of a tall tube of metal whose lid is lit by a lamp below it, which only shines upwards.
+   reflectance: of the lid, along its normal */
+static double below_a_lid(double reflectance) {
+    enum { SITES = 64 };
+    static sbl_reading readings[SITES];
+    const sbl_readings_desc desc = floor_readings(readings, SITES, 512);
+    test_scene s = { 0 };
+    const int tube = scene_gloss(&s, 1, 1, 1, 1, 0.3), lamp = scene_lamp(&s, 30, 30, 30);
+    const int lid = scene_gloss(&s, reflectance, reflectance, reflectance, 1, 0.4);
+    sbl_scene_desc scene;
+    double mean = 0;
+    int i;
+    s.materials[lamp].flags = SBL_MATERIAL_ONE_SIDED_EMISSION;
+    scene_box(&s, tube, -0.5f, -0.001f, -0.5f, 0.5f, 3, 0.5f);
+    scene_floor(&s, scene_material(&s, 0, 0, 0), 0, 0.5f);
+    scene_floor(&s, lid, 2.999f, 0.5f);
+    scene_quad(&s, lamp, -0.2f, 2.8f, -0.2f, -0.2f, 2.8f, 0.2f, 0.2f, 2.8f, 0.2f, 0.2f, 2.8f, -0.2f);
+    scene = scene_desc(&s);
+    CHECK(sbl_set_scene(context, &scene) == SBL_SUCCESS && sbl_gather_readings(context, &desc) == SBL_SUCCESS,
+          "no reading: %s", watch_last(&seen));
+    for (i = 0; i < SITES; i++) mean += (double)readings[i].radiance[1] / SITES;
+    scene_free(&s);
+    return mean;
+}
+
+/* Light arrives at a floor by way of metal and then a lid. It makes little difference whether the lid counts as metal
+   (SBL__STRONG), at which all rays continue, or as gloss. Where rays end, metal has its mean albedo, and gloss has the
+   albedo for the direction of the ray, which is lower here. */
+TEST(weak_metal_is_like_strong_gloss) {
+    const double gloss = below_a_lid(0.199), metal = below_a_lid(0.201);
+    printf("    R below a lid of gloss %.4f, of metal %.4f\n", gloss, metal);
+    CHECK(gloss > 0 && fabs(gloss / metal - 1) < 0.15, "R is %.4f below gloss, %.4f below metal", gloss, metal);
+}
+
 /* The same wall also reflects a lamp to the floor, mostly at angles at which it reflects less than a tenth. The light
    is a sum as for metal. */
 TEST(gloss_mirrors_lamps_to_floors) {
@@ -1737,6 +1825,54 @@ TEST(mirrored_lamps_are_found) {
     }
 }
 
+/* A wall of strong gloss mirrors two lights, of which one or the other is brighter, or one light and a sky of radiance
+   1. Rays find all of them, and add the right light. Readings of 128 rays would differ by 1.5 times what the wall adds,
+   if no ray were sent to the weaker light. */
+TEST(several_lamps_are_mirrored) {
+    enum { SITES = 256, STEPS = 100 };
+    static sbl_reading readings[SITES];
+    const sbl_readings_desc desc = floor_readings(readings, SITES, 128);
+    const double f0 = 1.6 * 1.6 / 3.6 / 3.6;
+    int kind, i;
+    for (kind = 0; kind < 3; kind++) {
+        test_scene s = { 0 };
+        double mean = 0, all = 0, squares = 0, wanted = 0;
+        sbl_scene_desc scene;
+        const int wall = scene_gloss(&s, 0, 0, 0, 0, 0), lights = kind == 2 ? 1 : 2;
+        s.materials[wall].ior = 2.6f;
+        for (i = 0; i < lights; i++) {
+            const float strength = i == kind ? 1 : 3;
+            sbl_light *l = scene_light(&s, SBL_LIGHT_POINT, strength, strength, strength);
+            l->position[0] = i ? 0.6f : 1;
+            l->position[1] = i ? 0.8f : 1.5f;
+            l->position[2] = i ? -1.2f : 0.2f;
+        }
+        if (kind == 2) scene_sky(&s, 1, 1, 1);
+        scene_quad(&s, wall, -0.2f, -60, -60, -0.2f, -60, 60, -0.2f, 60, 60, -0.2f, 60, -60);
+        scene = scene_desc(&s);
+        CHECK(sbl_set_scene(context, &scene) == SBL_SUCCESS && sbl_gather_readings(context, &desc) == SBL_SUCCESS,
+              "no reading: %s", watch_last(&seen));
+        for (i = 0; i < lights; i++) {
+            const float *at = s.lights[i].position;
+            const double d2 = (double)(at[0] * at[0] + at[1] * at[1] + at[2] * at[2]);
+            wanted += mirrored_wanted(&s.lights[i], 0.15, f0);
+            mean -= (double)s.lights[i].intensity[0] * (double)at[1] / pow(d2, 1.5) / TEST_PI;
+        }
+        for (i = 0; i < STEPS && kind == 2; i++) {
+            const double c = (i + 0.5) / STEPS;
+            wanted += 0.5 / STEPS + 2 / TEST_PI * sqrt(1 - c * c) * lobe__albedo(c, 0.15, f0, 128) / STEPS;
+        }
+        for (i = 0; i < SITES; i++) all += (double)readings[i].radiance[1] / SITES;
+        for (i = 0; i < SITES; i++) squares += pow((double)readings[i].radiance[1] - all, 2) / SITES;
+        mean += all;
+        printf("    kind %d: %.5f of %.5f; readings differ by %.3f of it\n", kind, mean, wanted,
+               sqrt(squares) / wanted);
+        CHECK(fabs(mean / wanted - 1) < 0.03, "kind %d: %.5f of %.5f", kind, mean, wanted);
+        CHECK(sqrt(squares) < 0.5 * wanted, "kind %d: readings differ by %.3f", kind, sqrt(squares) / wanted);
+        scene_free(&s);
+    }
+}
+
 /* Returns R that a wall of metal at x = -0.2, with a roughness of 0.3, adds on a floor at the origin, from a point
    light that is so near to the wall that most of this R comes from a small part of the wall. */
 static double mirrored_beside(const sbl_light *l) {
@@ -1876,6 +2012,36 @@ TEST(rays_to_mirrored_lamps_are_inspected) {
     scene_free(&s);
 }
 
+/* A light that almost touches a floor is far brighter than its image in a ceiling far above. No ray is sent to the
+   image, so that all rays of a sensor have the same weight. */
+TEST(near_lamps_outshine_their_images) {
+    static float weights[4096];
+    test_scene s = { 0 };
+    sbl_scene_desc scene;
+    sbl_sensor sensor;
+    sbl_picture_desc view = scene_view(1, 1, 2, 0.5f, 1, 0, 0, 0, 0);
+    const int ceiling = scene_gloss(&s, 0, 0, 0, 0, 0);
+    int i, rays = 0;
+    s.materials[ceiling].ior = 2.6f;
+    scene_light(&s, SBL_LIGHT_POINT, 1, 1, 1)->position[1] = 0.1f;
+    scene_floor(&s, scene_material(&s, 0.6f, 0.6f, 0.6f), 0, 1);
+    scene_floor(&s, ceiling, 5, 20);
+    view.options.mode = SBL_MODE_GI;
+    view.options.rays = 64;
+    scene = scene_desc(&s);
+    scene.max_bounce_cells = 1024;
+    REQUIRE(sbl_set_scene(context, &scene) == SBL_SUCCESS && sbl_render_picture(context, &view) == SBL_SUCCESS &&
+            sbl_inspect_sensor(context, 0, 0, &sensor, NULL, weights, 4096) == SBL_SUCCESS && sensor.sensed,
+            "no sensor: %s", watch_last(&seen));
+    for (i = 0; i < sensor.ray_count; i++) {
+        if (sensor.rays[i].lamp >= 0) continue;
+        CHECK(fabs((double)weights[i] * 64 - 1) < 0.01, "ray %d has the weight %g / 64", i, (double)weights[i] * 64);
+        rays++;
+    }
+    CHECK(rays >= 64, "%d rays", rays);
+    scene_free(&s);
+}
+
 /* Rays that a guide directs and rays to mirrored lamps give the same light together as without a guide. */
 TEST(guided_rays_and_mirrored_lamps) {
     enum { SIDE = 24 };
@@ -1947,20 +2113,23 @@ TEST(glows_of_metal_count_once) {
     CHECK(light[2] < 0.55 * light[1], "the roughest metal reflects %.3f, rough metal %.3f", light[2], light[1]);
 }
 
-/* Measures the light before a floor that gets light only by way of a ceiling of metal, from a patch which a wall hides
-   from the floor. spot: 1: a spot of this intensity lights the patch; 0: the patch emits `light` itself. opacity: that
-   of the ceiling */
-static double by_way_of_a_ceiling(int spot, double light, double opacity) {
-    enum { SITES = 16 };
+/* Measures the light of a floor that gets light only by way of a ceiling, from a patch which a wall hides from the
+   floor. spot: 1: a spot of this intensity lights the patch; 0: the patch emits `light` itself. opacity: that of the
+   ceiling. up: 1: the ceiling is gloss, and the light is R at the floor; 0: the ceiling is metal, and the light is that
+   which cells of the floor reflect */
+static double by_way_of_a_ceiling(int spot, double light, double opacity, int up) {
+    enum { SITES = 64 };
     static sbl_site sites[SITES];
     static sbl_reading readings[SITES];
     sbl_readings_desc gather;
     sbl_scene_desc desc;
     test_scene s = { 0 };
-    const int ceiling = scene_gloss(&s, 0.9, 0.9, 0.9, 1, 0.3), floor = scene_material(&s, 0.8f, 0.8f, 0.8f);
+    const int ceiling = up ? scene_gloss(&s, 0, 0, 0, 0, 0.15) : scene_gloss(&s, 0.9, 0.9, 0.9, 1, 0.3);
+    const int floor = scene_material(&s, 0.8f, 0.8f, 0.8f);
     const int wall = scene_material(&s, 0, 0, 0), lamp = scene_lamp(&s, (float)light, (float)light, (float)light);
     double sum = 0;
     int i;
+    if (up) s.materials[ceiling].ior = 2.6f;  /* the reflectance is just below that of metal, SBL__STRONG */
     s.materials[lamp].flags = SBL_MATERIAL_ONE_SIDED_EMISSION;
     scene_blend(&s, scene_quad(&s, ceiling, -2, 1, -2, 2, 1, -2, 2, 1, 2, -2, 1, 2), (float)opacity);
     scene_quad(&s, spot ? floor : lamp, -0.6f, 0, -0.2f, -0.6f, 0, 0.2f, -0.2f, 0, 0.2f, -0.2f, 0, -0.2f);
@@ -1975,13 +2144,13 @@ static double by_way_of_a_ceiling(int spot, double light, double opacity) {
     }
     memset(sites, 0, sizeof sites);
     for (i = 0; i < SITES; i++) {
-        sites[i].position[0] = 0.3f + 0.1f * (float)(i % 4);
-        sites[i].position[1] = 0.2f;
-        sites[i].position[2] = 0.1f * (float)(i / 4) - 0.15f;
-        sites[i].normal[1] = -1;
+        sites[i].position[0] = 0.3f + 0.05f * (float)(i % 8);
+        sites[i].position[1] = up ? 0 : 0.2f;
+        sites[i].position[2] = 0.05f * (float)(i / 8) - 0.175f;
+        sites[i].normal[1] = up ? 1 : -1;
     }
     gather = scene_readings(sites, readings, SITES, SBL_MODE_GI);
-    gather.options.rays = 256;
+    gather.options.rays = up ? 4096 : 256;
     desc = scene_desc(&s);
     desc.max_bounce_cells = 32768;
     CHECK(sbl_set_scene(context, &desc) == SBL_SUCCESS && sbl_gather_readings(context, &gather) == SBL_SUCCESS,
@@ -1992,20 +2161,23 @@ static double by_way_of_a_ceiling(int spot, double light, double opacity) {
     return sum;
 }
 
-/* A floor that sees a bright place only by way of metal gets the same light, whether the place is lit or emits as much
-   itself. Metal with a coverage of one half reflects half. */
+/* A floor that sees a bright place only by way of metal or gloss gets the same light, whether the place is lit or emits
+   as much itself. Metal with a coverage of one half reflects half. */
 TEST(bright_places_are_seen_by_way_of_metal) {
     double lit = 0, emits, glows, half;
-    int i;
+    int i, up;
     for (i = 0; i < 64; i++) {  /* the patch reflects this much light, on average */
         const double x = 0.05 * (i % 8) - 0.175, z = 0.05 * (i / 8) - 0.175, d2 = 0.64 + x * x + z * z;
         lit += 0.8 * 20 * (0.8 / sqrt(d2)) / d2 / TEST_PI / 64;
     }
-    emits = by_way_of_a_ceiling(0, lit, 1);
-    glows = by_way_of_a_ceiling(1, 20, 1);
-    half = by_way_of_a_ceiling(1, 20, 0.5);
-    printf("    before the floor %.5f from a lamp, %.5f from the patch, %.5f by half a ceiling\n", emits, glows, half);
-    CHECK(fabs(glows / emits - 1) < 0.15, "R is %g, that of a lamp %g", glows, emits);
+    for (up = 1; up >= 0; up--) {
+        emits = by_way_of_a_ceiling(0, lit, 1, up);
+        glows = by_way_of_a_ceiling(1, 20, 1, up);
+        printf("    %s the floor %.5f from a lamp, %.5f from the patch\n", up ? "at" : "before", emits, glows);
+        CHECK(fabs(glows / emits - 1) < 0.15, "R is %g, that of a lamp %g", glows, emits);
+    }
+    half = by_way_of_a_ceiling(1, 20, 0.5, 0);
+    printf("    before the floor %.5f by half a ceiling\n", half);
     CHECK(fabs(half / glows - 0.5) < 0.06, "R by half a ceiling is %g, by a whole one %g", half, glows);
 }
 
@@ -2733,6 +2905,39 @@ TEST(parts_of_the_error_add_up) {
     }
 }
 
+/* Metal that no pixel shows has no effect on the predicted error of FINAL: it is that of R times albedo, also if the
+   surfaces in penumbrae are dark. */
+TEST(errors_without_visible_lobes) {
+    sbl_picture_desc view = scene_view(ROOM_WIDTH, ROOM_HEIGHT, 40, 0, 3, 0.01f, 0, 0, 0);
+    const int dark = 4;
+    double off2 = 0, final = 0, wanted, stated;
+    test_scene s = { 0 };
+    shot p;
+    int i;
+    glossy_scene(&s, 1);
+    for (i = 0; i < 3; i++) s.materials[dark].albedo[i] = 0.05f;
+    s.mesh_count = 1;
+    scene_quad(&s, dark, -4, 0.001f, -4, -4, 0.001f, 4, 0, 0.001f, 4, 0, 0.001f, -4);
+    scene_quad(&s, dark, -0.5f, 0.4f, -0.5f, -0.5f, 0.4f, 0.5f, -0.1f, 0.4f, 0.5f, -0.1f, 0.4f, -0.5f);
+    scene_quad(&s, scene_gloss(&s, 1, 1, 1, 1, 0.2), -1, 0, 8, 1, 0, 8, 1, 1, 8, -1, 1, 8);
+    view.options.mode = SBL_MODE_DIRECT;
+    view.samples = 1;
+    if (!shoot(&p, &s, &view)) return;
+    stated = (double)sbl_query_stats(context).picture.expected_error;
+    for (i = 0; i < ROOM_PIXELS; i++) {
+        const int x = i % ROOM_WIDTH, y = i / ROOM_WIDTH;
+        off2 += pow((double)at(&p, SBL_CHANNEL_RADIANCE_ERROR, x, y)[0] *
+                    luminance_of(at(&p, SBL_CHANNEL_ALBEDO, x, y)), 2);
+        final += luminance_of(at(&p, SBL_CHANNEL_FINAL, x, y));
+    }
+    wanted = sqrt(off2 * ROOM_PIXELS) / final;
+    printf("    error of FINAL %.5f, %.5f stated; of R %.5f\n", wanted, stated,
+           (double)sbl_query_stats(context).picture.radiance_error);
+    CHECK(fabs(stated / wanted - 1) < 0.005, "the error of FINAL is %g, not %g", stated, wanted);
+    forget(&p);
+    scene_free(&s);
+}
+
 /* The error of reflections is close to the prediction. */
 TEST(errors_are_foretold) {
     sbl_picture_desc view = glossy_view(SBL_MODE_DIRECT), exact = scene_plain(view, SBL_MODE_DIRECT, 0);
@@ -2760,6 +2965,102 @@ TEST(errors_are_foretold) {
     forget(&p);
     forget(&q);
     scene_free(&s);
+}
+
+/* A smooth floor reflects a wall, half of which lies in a shadow. The reflection shows the edge of the shadow and the
+   light beside it, although the wall has only a few cells. */
+TEST(smooth_floors_show_no_cells) {
+    enum { SIDE = 12 };
+    sbl_picture_desc view = scene_plain(view_of_plate(SIDE, SIDE, 12, 45, 64), SBL_MODE_GI, 0);
+    test_scene s = { 0 };
+    const double lit = 0.8 * 3 / TEST_PI;
+    double worst = 0;
+    sbl_scene_desc scene;
+    int i, beside = 0;
+    shot p;
+    scene_floor(&s, scene_gloss(&s, 0, 0, 0, 0, 0.1), 0, 1);
+    scene_quad(&s, scene_material(&s, 0.8f, 0.8f, 0.8f), -1, 0, -2, -1, 0, 2, -1, 3, 2, -1, 3, -2);
+    scene_quad(&s, scene_material(&s, 0, 0, 0), 4, 0, -3, 4, 0, 0, 4, 4, 0, 4, 4, -3);
+    scene_floor(&s, scene_material(&s, 0, 0, 0), -20, 8);  /* takes most of the cells */
+    scene_light(&s, SBL_LIGHT_DIRECTIONAL, 3, 3, 3)->direction[0] = -1;
+    scene = scene_desc(&s);
+    scene.max_bounce_cells = 1024;
+    memset(&p, 0, sizeof p);
+    p.view = view;
+    p.context = context;
+    REQUIRE(sbl_set_scene(context, &scene) == SBL_SUCCESS && sbl_render_picture(context, &view) == SBL_SUCCESS,
+            "no picture: %s", watch_last(&seen));
+    for (i = 0; i < SIDE * SIDE; i++) {
+        const double shown = (double)at(&p, SBL_CHANNEL_SPECULAR, i % SIDE, i / SIDE)[1];
+        double way[3], z;
+        look(&view, i % SIDE, i / SIDE, way);
+        z = (4 * sqrt(0.5) + 1) / -way[0] * way[2];
+        if (fabs(z) < 0.15) continue;
+        worst = test_max(worst, fabs(shown - (z > 0 ? lit : 0)));
+        beside += fabs(z) < 0.3;
+    }
+    printf("    off by %.4f of %.4f\n", worst, lit);
+    CHECK(worst < 0.1 * lit && beside > 20, "off by %.4f of %.4f, %d pixels beside the edge", worst, lit, beside);
+    forget(&p);
+    scene_free(&s);
+}
+
+/* A rough floor sees a light in a mirror. Its pixels, which all see the same, differ little, because the mirror gets
+   half the roughness of the floor, and blurs the light. */
+TEST(floors_see_lights_in_mirrors_evenly) {
+    enum { SIDE = 12 };
+    sbl_picture_desc view = scene_plain(view_of_plate(SIDE, SIDE, 0.1, 45, 64), SBL_MODE_GI, 0);
+    const double side = sqrt(0.5), v[3] = { side, 0, side }, l[3] = { -side, 0, side };
+    const double sharp = lobe_brdf(v, l, 0.4, 1) * side / 18;  /* the image of the light is at -3 3 0 */
+    test_scene s = { 0 };
+    double mean = 0, squares = 0;
+    int i;
+    shot p;
+    view.options.rays = 256;
+    scene_floor(&s, scene_gloss(&s, 1, 1, 1, 1, 0.4), 0, 0.1f);
+    scene_quad(&s, scene_gloss(&s, 1, 1, 1, 1, 0), -1, 0, -2, -1, 0, 2, -1, 3, 2, -1, 3, -2);
+    scene_light(&s, SBL_LIGHT_POINT, 1, 1, 1)->position[0] = 1;
+    s.lights[0].position[1] = 3;
+    if (!shoot(&p, &s, &view)) return;
+    for (i = 0; i < SIDE * SIDE; i++) mean += reflected(&p, i % SIDE, i / SIDE, 1) / (SIDE * SIDE);
+    for (i = 0; i < SIDE * SIDE; i++) squares += pow(reflected(&p, i % SIDE, i / SIDE, 1) - mean, 2) / (SIDE * SIDE);
+    printf("    %.4f, %.4f if the mirror did not blur; pixels differ by %.4f of it\n", mean, sharp,
+           sqrt(squares) / mean);
+    CHECK(mean < sharp && mean > 0.8 * sharp && sqrt(squares) < 0.1 * mean, "%.4f of %.4f; pixels differ by %.4f", mean,
+          sharp, sqrt(squares));
+    forget(&p);
+    scene_free(&s);
+}
+
+/* A lamp is much wider than the lobe of a floor, and most of it is hidden, but not most of the light in the lobe. The
+   predicted error is between about one and three times the deviation of the pixels, which all see the same. */
+TEST(noise_in_lobes_is_foretold) {
+    enum { SIDE = 16 };
+    static const double roughnesses[2] = { 0.25, 0.4 };
+    int kind, i;
+    for (kind = 0; kind < 2; kind++) {
+        sbl_picture_desc view = view_of_plate(SIDE, SIDE, 0.1, 45, 64);
+        double mean = 0, squares = 0, foretold2 = 0, deviation;
+        test_scene s = { 0 };
+        shot p;
+        scene_floor(&s, scene_gloss(&s, 1, 1, 1, 1, roughnesses[kind]), 0, 0.5f);
+        scene_quad(&s, scene_lamp(&s, 1, 1, 1), -3, 2, -1, -3, 2, 4, -0.5f, 2, 4, -0.5f, 2, -1);
+        scene_quad(&s, scene_material(&s, 0, 0, 0), -3, 1, 0.2f, -3, 1, 4, 0, 1, 4, 0, 1, 0.2f);
+        if (!shoot(&p, &s, &view)) return;
+        for (i = 0; i < SIDE * SIDE; i++) {
+            const double light = reflected(&p, i % SIDE, i / SIDE, 1);
+            mean += light / (SIDE * SIDE);
+            squares += light * light / (SIDE * SIDE);
+            foretold2 += pow((double)at(&p, SBL_CHANNEL_ERROR, i % SIDE, i / SIDE)[0], 2) / (SIDE * SIDE);
+        }
+        deviation = sqrt(squares - mean * mean);
+        printf("    roughness %.2f: light %.4f deviates by %.5f, %.5f predicted\n", roughnesses[kind], mean, deviation,
+               sqrt(foretold2));
+        CHECK(sqrt(foretold2) > 0.8 * deviation && sqrt(foretold2) < 3 * deviation,
+              "roughness %.2f: a deviation of %.5f, %.5f predicted", roughnesses[kind], deviation, sqrt(foretold2));
+        forget(&p);
+        scene_free(&s);
+    }
 }
 
 /* Few rays find a lamp by way of metal or a pane. Each of them makes a tile look noisy. The smaller tiles that replace
@@ -2840,16 +3141,19 @@ int main(void) {
     RUN_UNSANITIZED(metal_lights_floors);
     RUN_UNSANITIZED(metal_lights_floors_evenly);
     RUN_UNSANITIZED(gloss_lights_floors);
+    RUN_UNSANITIZED(weak_metal_is_like_strong_gloss);
     RUN_UNSANITIZED(gloss_mirrors_lamps_to_floors);
     RUN_UNSANITIZED(panes_in_furnaces_are_white);
     RUN_UNSANITIZED(lamps_of_many_triangles_add_no_noise);
     RUN(lamps_may_grow);
     RUN_UNSANITIZED(mirrored_lamps_are_found);
+    RUN_UNSANITIZED(several_lamps_are_mirrored);
     RUN_UNSANITIZED(lamps_beside_mirrors);
     RUN(glows_do_not_widen_lamps_in_mirrors);
     RUN_UNSANITIZED(mirrored_suns_have_no_unit);
     RUN_UNSANITIZED(guided_rays_and_mirrored_lamps);
     RUN_UNSANITIZED(rays_to_mirrored_lamps_are_inspected);
+    RUN_UNSANITIZED(near_lamps_outshine_their_images);
     RUN_UNSANITIZED(glows_of_metal_count_once);
     RUN_UNSANITIZED(bright_places_are_seen_by_way_of_metal);
     RUN_UNSANITIZED(furnace_of_a_mirror_ball);
@@ -2867,7 +3171,11 @@ int main(void) {
     RUN_UNSANITIZED(errors_of_small_things_are_shares);
     RUN_UNSANITIZED(errors_of_final_are_foretold);
     RUN_UNSANITIZED(parts_of_the_error_add_up);
+    RUN_UNSANITIZED(errors_without_visible_lobes);
     RUN_UNSANITIZED(errors_are_foretold);
+    RUN_UNSANITIZED(smooth_floors_show_no_cells);
+    RUN_UNSANITIZED(floors_see_lights_in_mirrors_evenly);
+    RUN_UNSANITIZED(noise_in_lobes_is_foretold);
     RUN(chance_finds_buy_few_looks);
     RUN_UNSANITIZED(views_and_lobes);
     RUN(ends_leave_nothing);

@@ -4,6 +4,7 @@
 #include "support/test.h"
 #include "support/scenes.h"
 #include "support/gl_watch.h"
+#include "support/lobe.h"
 
 static watch seen;
 static sbl_context *context;
@@ -50,21 +51,27 @@ static const char *const shiny_shader[] = {
     "layout(location = 3) out vec4 out_passing;\n"
     "layout(location = 4) out vec4 out_mirrored;\n"
     "layout(location = 5) out vec4 out_lobe;\n"
+    "layout(location = 6) out vec4 out_glow;\n"
+    "layout(location = 7) out vec4 out_albedo;\n"
     "void main() {\n"
     "    int object = int(gl_FragCoord.x);\n"
     "    float cosine = gl_FragCoord.y < 1.0 ? 0.25 : 0.8;\n"
-    "    sbl_Material m = sbl_material(object, sbl_Attributes(vec2(0), vec4(1.0, 0.5, 0.75, 0.6)));\n"
+    "    sbl_Attributes at = sbl_Attributes(vec2(0), vec4(1.0, 0.5, 0.75, 0.6));\n"
+    "    sbl_Material m = sbl_material(object, at);\n"
     "    out_diffuse = vec4(m.diffuse, m.roughness);\n"
     "    out_reflectance = vec4(m.reflectance, m.opacity);\n"
     "    out_clear = vec4(m.clear, (sbl_is_strong(m, m.reflectance) ? 1 : 0) + (sbl_hit_as_gloss(m) ? 2 : 0));\n"
     "    out_passing = vec4(sbl_passing(object, m, -cosine), 0);\n"
-    "    out_mirrored = vec4(sbl_mirror_reflectance(m, cosine), 0);\n"
+    "    out_mirrored = vec4(sbl_mirror_reflectance(m, cosine), sbl_lobe_reflected(m, cosine, vec3(1)).g);\n"
     "    vec3 weight, normal = vec3(0, 0.6, 0.8), side = vec3(0, 0.8, -0.6);\n"
     "    sbl_Lobe l = sbl_lobe_of(normal, cosine * normal + sqrt(1.0 - cosine * cosine) * side, m.reflectance,\n"
     "                             max(m.roughness, 0.3));\n"
     "    vec3 way = sbl_lobe_sample(l, vec2(0.3, 0.7), weight);\n"
+    "    sbl_Lobe low = sbl_lobe_of(normal, 0.995 * side - 0.1 * normal, m.reflectance, max(m.roughness, 0.3));\n"
     "    out_lobe = vec4(sbl_lobe_factor(l, way) * max(dot(way, normal), 0.0) /\n"
-    "                    (SBL_PI * sbl_lobe_density(l, way)) - weight, 0);\n"
+    "                    (SBL_PI * sbl_lobe_density(l, way)) - weight, sbl_lobe_density(low, normal) > 0.0 ? 0 : 1);\n"
+    "    out_glow = vec4(sbl_glow_pattern(object, at), 0);\n"
+    "    out_albedo = vec4(m.albedo, sbl_lobe_shown(m, cosine).g);\n"
     "    sbl_blur_by_normals(m, 0.9);\n"
     "    out_passing.a = m.roughness;\n"
     "}\n", 0 };
@@ -192,13 +199,13 @@ static void check_color(const char *name, int number, const float shown[4], cons
 
 /* Checks the material at a texel of shiny_shader. color: albedo times vertex colour; row: 0: cosine 0.25; 1: 0.8 */
 static void check_shiny(const sbl_material *m, const double color[3], int number, int row,
-                        float texels[6][2 * MATERIALS][4]) {
+                        float texels[8][2 * MATERIALS][4]) {
     const double ior = m->ior > 0 ? (double)m->ior : 1.5, f0 = pow((ior - 1) / (ior + 1), 2), cosine = row ? 0.8 : 0.25;
     const int matte = !(m->ior > 0) && !(m->metallic > 0), at = row * MATERIALS + number;
     const double metallic = matte ? 0 : (double)m->metallic, opacity = m->flags & SBL_MATERIAL_BLEND ? 0.6 : 1;
     const double transmission = (double)m->transmission, rough = matte ? -1 : (double)m->roughness;
     const double variance = (1 - 0.81) / (0.9 * (3 - 0.81));
-    double diffuse[4], reflectance[4], clear[4], passing[4], mirrored[4], most = 0;
+    double diffuse[4], reflectance[4], clear[4], passing[4], mirrored[4], lobe, most = 0;
     const double zero[4] = { 0, 0, 0, 0 };
     int k;
     for (k = 0; k < 3; k++) {
@@ -214,7 +221,11 @@ static void check_shiny(const sbl_material *m, const double color[3], int number
     reflectance[3] = opacity;
     clear[3] = matte ? 0 : most > 0.2 ? 1 : rough < 0.5 ? 2 : 0;
     passing[3] = matte ? -1 : fmin(pow(pow(rough, 4) + 2 * variance, 0.25), 1);
-    mirrored[3] = 0;
+    mirrored[3] = (double)texels[4][at][3];
+    lobe = opacity * lobe__albedo(cosine, fmax(rough, 0.05), reflectance[1], 96);
+    CHECK(matte || (fabs(mirrored[3] - lobe) < 0.003 && fabs((double)texels[7][at][3] - lobe) < 0.003),
+          "material %d: its lobe has the albedo %g, and shows %g, not %g", number, mirrored[3],
+          (double)texels[7][at][3], lobe);
     check_color("diffuse", number, texels[0][at], diffuse);
     check_color("reflectance", number, texels[1][at], reflectance);
     check_color("clear", number, texels[2][at], clear);
@@ -223,15 +234,33 @@ static void check_shiny(const sbl_material *m, const double color[3], int number
     check_color("lobe", number, texels[5][at], zero);
 }
 
+/* Checks that the radiance of a glow in C, times its pattern in GLSL, is the light of R = 1 that the surface reflects:
+   all of it or, for gloss, the part of the diffuse component. lost: mean fraction that the Fresnel term takes from the
+   diffuse component */
+static void check_glow(int number, double lost, float texels[8][2 * MATERIALS][4]) {
+    static const float light[3] = { 1, 1, 1 };
+    const int is_gloss = texels[2][number][3] > 1.5f;
+    float radiance[3];
+    int k;
+    sbl__reflect(&context->core.scene.geometry.objects[number], light, radiance);
+    for (k = 0; k < 3; k++) {
+        const double wanted = is_gloss ? (1 - lost) * (double)texels[0][number][k] : (double)texels[7][number][k];
+        const double shown = (double)radiance[k] * (double)texels[6][number][k];
+        CHECK(fabs(shown - wanted) < 1e-5, "material %d: a glow has %g of the light, not %g", number, shown, wanted);
+    }
+}
+
 /* Random materials that are not matte reflect, transmit and blend light by the formulas of the manual (ON REFLECTIONS).
-   The weight of a direction that a lobe samples is its factor / its density. */
+   The weight of a direction that a lobe samples is its factor / its density, which is positive also for viewers whom an
+   interpolated normal puts behind the surface. */
 TEST(shiny_materials_follow_their_formulas) {
     static const float light[3] = { 0, 0, 0 };
     static const double tint[3] = { 1, 0.5, 0.75 };
-    static float texels[6][2 * MATERIALS][4];
+    static float texels[8][2 * MATERIALS][4];
     sbl_material materials[MATERIALS];
     uint32_t state = 9;
     sbl_result result;
+    double lost = 0;
     int i, k;
     memset(materials, 0, sizeof materials);
     for (i = 0; i < MATERIALS; i++) {
@@ -243,13 +272,53 @@ TEST(shiny_materials_follow_their_formulas) {
         materials[i].flags = chance(&state) < 0.4 ? SBL_MATERIAL_BLEND : 0;
     }
     REQUIRE(use_materials(materials), "no scene: %s", watch_last(&seen));
-    result = shade_materials(&shiny_recipe, 6, light, texels);
+    result = shade_materials(&shiny_recipe, 8, light, texels);
     REQUIRE(result == SBL_SUCCESS, "%s: %s", sbl_result_string(result), watch_last(&seen));
+    for (i = 0; i < 40; i++) lost += 2 * (i + 0.5) / 40 * (1 - lobe_matte((i + 0.5) / 40)) / 40;
     for (i = 0; i < MATERIALS; i++) {
         double color[3];
+        check_glow(i, lost, texels);
         for (k = 0; k < 3; k++) color[k] = (double)materials[i].albedo[k] * tint[k];
         for (k = 0; k < 2; k++) check_shiny(&materials[i], color, i, k, texels);
     }
+}
+
+/* Objects differ if one of the fields differs that decide how they reflect light or let it pass, but not if only their
+   emission or their normal map differs. A matte copy of a material has no lobe, and no light passes through it. */
+TEST(changes_of_gloss_are_noticed) {
+    static const size_t fields[] = { offsetof(sbl__object, reflectance), offsetof(sbl__object, metallic),
+        offsetof(sbl__object, roughness), offsetof(sbl__object, transmission), offsetof(sbl__object, specular_texture),
+        offsetof(sbl__object, transmission_texture), offsetof(sbl__object, albedo_texture),
+        offsetof(sbl__object, alpha_cutoff) };
+    static sbl__textures none;
+    static uint32_t entry[4];
+    sbl_material material, matte;
+    sbl__object a, b;
+    float brightest = 0;
+    size_t i;
+    memset(&a, 0, sizeof a);
+    for (i = 0; i < sizeof fields / sizeof *fields; i++) {
+        const float value = 0.25f;
+        b = a;
+        memcpy((char *)&b + fields[i], &value, sizeof value);
+        CHECK(sbl__reflection_differs(&a, &b), "a change of field %d is no change", (int)i);
+    }
+    b = a;
+    b.emission[1] = b.normal_scale = 1;
+    b.flags = SBL_MATERIAL_ONE_SIDED_EMISSION;
+    CHECK(!sbl__reflection_differs(&a, &b), "emission and normals change reflections");
+    memset(&material, 0, sizeof material);
+    material.ior = 1.5f;
+    material.metallic = material.transmission = 0.5f;
+    material.flags = SBL_MATERIAL_BLEND;
+    matte = sbl__material_matte(&material);
+    memset(&none, 0, sizeof none);
+    none.entries = &entry;
+    none.brightest = &brightest;
+    CHECK(sbl__material_write(&none, &material, &a, &brightest) && sbl__is_specular(&a) && sbl__lets_pass(&a),
+          "the material is matte");
+    CHECK(!sbl__material_write(&none, &matte, &b, &brightest) && !sbl__is_specular(&b) && !sbl__lets_pass(&b),
+          "the copy is not matte");
 }
 
 static const sbl_material black[MATERIALS];
@@ -303,8 +372,9 @@ static sbl_result two_pixels_end(two_pixels *p, sbl_result result, float out[2][
 
 static const int two_pixels_area[4] = { 0, 0, 2, 1 }, two_pixels_rows[2] = { 0, 1 };
 
-/* Composes two pixels with light of -1 and 3 in their lobes. out: RADIANCE with emission and reflections */
-static sbl_result compose(float out[2][4]) {
+/* Composes two pixels with light of -1 and 3 in their lobes. offset: position of the sample beside the centres, in
+   pixels. out: RADIANCE with emission and reflections */
+static sbl_result compose(float offset, float out[2][4]) {
     static const float values[2][8] = { { 0.5f, 0.5f, 0.5f, 1, 0.5f, 0.5f, 0.5f, 1 },  /* albedo */
                                         { -1, -1, -1, 1, 3, 3, 3, 1 } };               /* light in the lobe */
     two_pixels p;
@@ -322,23 +392,25 @@ static sbl_result compose(float out[2][4]) {
     r.environment = &context->core.scene.environment;
     r.camera = &camera;
     r.count = 1;
+    r.offset[0] = offset;
     r.backdrop = black[0].albedo;
     if (result == SBL_SUCCESS) result = sbl__resolve_draw(&context->core.device, &r, &p.target, two_pixels_area);
     return two_pixels_end(&p, result, out);
 }
 
 /* A pixel shows emission, albedo times R, and the light in its lobe. Noise can make the light in the lobe negative;
-   negative light counts as 0. */
+   negative light counts as 0. A sample between two pixels of a surface shows the mean of their light. */
 TEST(lobes_take_no_light_away) {
-    float out[2][4];
-    sbl_result result;
-    int i;
+    int i, beside;
     REQUIRE(use_materials(black), "no scene: %s", watch_last(&seen));
-    result = compose(out);
-    REQUIRE(result == SBL_SUCCESS, "%s: %s", sbl_result_string(result), watch_last(&seen));
-    for (i = 0; i < 6; i++)
-        CHECK(fabs((double)out[i / 3][i % 3] - (i < 3 ? 1.5 : 4.5)) < 1e-6, "pixel %d shows %g", i / 3,
-              (double)out[i / 3][i % 3]);
+    for (beside = 0; beside < 2; beside++) {
+        float out[2][4];
+        const sbl_result result = compose(beside ? 0.5f : 0, out);
+        REQUIRE(result == SBL_SUCCESS, "%s: %s", sbl_result_string(result), watch_last(&seen));
+        for (i = 0; i < 6; i++)
+            CHECK(fabs((double)out[i / 3][i % 3] - (i >= 3 ? 4.5 : beside ? 2.5 : 1.5)) < 1e-6,
+                  "pixel %d shows %g", i / 3, (double)out[i / 3][i % 3]);
+    }
 }
 
 /* Filters a layer of two pixels, which are 0 and 8, with R of 4 in both. */
@@ -377,6 +449,7 @@ TEST(groups_are_filtered_as_the_whole) {
 int main(void) {
     RUN(materials_in_c_and_in_shaders);
     RUN(shiny_materials_follow_their_formulas);
+    RUN(changes_of_gloss_are_noticed);
     RUN(lobes_take_no_light_away);
     RUN(groups_are_filtered_as_the_whole);
     sbl_destroy(context);

@@ -66,6 +66,29 @@ TEST(memory_of_pictures_is_predicted) {
     }
 }
 
+/* Large pictures need most memory after R is known. If surfaces have lobes, the estimate includes their jobs then:
+   40 MB for pictures of any size. */
+TEST(reflections_have_jobs) {
+    int gloss;
+    for (gloss = 0; gloss < 2; gloss++) {
+        double bytes[2], jobs;
+        sbl_context *context;
+        int i;
+        cornell.materials[0].ior = gloss ? 1.5f : 0;
+        context = make_context(0, 0);
+        cornell.materials[0].ior = 0;
+        REQUIRE(context, "%s", watch_last(&seen));
+        for (i = 0; i < 2; i++) {
+            sbl_picture_desc view = scene_cornell_view(2048, i ? 4096 : 2048);
+            view.options.mode = SBL_MODE_DIRECT;
+            bytes[i] = (double)sbl_picture_bytes(context, &view);
+        }
+        jobs = 2 * bytes[0] - bytes[1];
+        CHECK(fabs(jobs - 4e7 * gloss) < 1e6, "gloss %d: %.0f bytes of jobs", gloss, jobs);
+        sbl_destroy(context);
+    }
+}
+
 /* A picture with default settings needs at most 250 bytes per pixel at its peak, in host and GPU memory together, in
    addition to the memory that the context held before. */
 TEST(pictures_need_250_bytes_per_pixel) {
@@ -302,6 +325,7 @@ TEST(fingerprints_tell_scenes_apart) {
 int main(void) {
     scene_cornell_box(&cornell);
     RUN_PLAIN(memory_of_pictures_is_predicted);
+    RUN(reflections_have_jobs);
     RUN_PLAIN(pictures_need_250_bytes_per_pixel);
     RUN(memory_of_lightmaps_is_predicted);
     RUN(stores_count_if_they_are_made);

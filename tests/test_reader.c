@@ -452,8 +452,9 @@ TEST(gloss_of_gltf) {
           FACTORS("0", "0.5") "," EXTENSION("specular", "\"specularColorFactor\":[0,0,0.1]"),
           { { 1.5, 0, 0.5 }, { 1.33, 1, 1 }, { 1e6, 1, 1 }, { 1, 1, 1 }, { 1e6, 1, 1 }, { 1.5, 1, 1 }, { 1, 0, 0.5 },
             { 0, 0.5, 0.5 }, { 1.5, 0, 0.5 }, { 0, 0, 0 }, { 1.5, 0, 0.5 } } },
-        { "\"name\":\"a\"," EXTENSION("pbrSpecularGlossiness", "\"glossinessFactor\":0.75") "|" FACTORS("2", "-1"),
-          { { 1.5, 0, 0.25 }, { 1.5, 1, 0 } } } };
+        { "\"name\":\"a\"," EXTENSION("pbrSpecularGlossiness", "\"glossinessFactor\":0.75") "|" FACTORS("2", "-1") "|"
+          EXTENSION("pbrSpecularGlossiness", "\"specularGlossinessTexture\":{\"index\":0}"),
+          { { 1.5, 0, 0.25 }, { 1.5, 1, 0 }, { 0, 0, 0 } } } };
     size_t i;
 #ifndef SBL_RENDER_CJSON
     SKIP("without cJSON, only assimp's values are known");
@@ -506,6 +507,36 @@ TEST(textures_of_metal) {
     scene_file_free(file);
 }
 
+/* Warnings count what is not shown. In matte scenes, gloss counts from a glossiness of 0.5 and from an Ns of 30 on. In
+   others, KHR_materials_specular counts where a surface is glossy, and textures of metal do not count. */
+TEST(gloss_that_is_lost_is_counted) {
+    static const char shiny[] = EXTENSION("pbrSpecularGlossiness", "\"glossinessFactor\":0.75");
+    static const char dull[] = "|" EXTENSION("pbrSpecularGlossiness", "\"glossinessFactor\":0.25");
+    static const char specular[] = "\"extensions\":{\"KHR_materials_specular\":{\"specularFactor\":0.5}";
+    char materials[1024];
+    scene_file *file;
+    snprintf(materials, sizeof materials, "%s%s%s", shiny, dull, dull);
+    write_materials("lost.gltf", materials);
+    file = read_back("lost.gltf", 1);
+    CHECK(file && file->simplified[SCENE_FILE_GLOSS] == 1, "%d glossy materials of glTF: %s",
+          file ? file->simplified[SCENE_FILE_GLOSS] : 0, error);
+    scene_file_free(file);
+    write_text("lost.mtl", "newmtl a\nKs 1 1 1\nNs 29\nillum 2\nnewmtl b\nKs 1 1 1\nNs 31\nillum 2\n");
+    write_text("lost.obj", "mtllib lost.mtl\nv 0 0 0\nv 1 0 0\nv 0 1 0\nusemtl a\nf 1 2 3\nusemtl b\nf 1 2 3\n");
+    file = read_back("lost.obj", 1);
+    CHECK(file && file->simplified[SCENE_FILE_GLOSS] == 1, "%d glossy materials of OBJ: %s",
+          file ? file->simplified[SCENE_FILE_GLOSS] : 0, error);
+    scene_file_free(file);
+    snprintf(materials, sizeof materials, "%s,%s}|%s,%s}|%s", FACTORS("0", "0.5"), specular, BLACK_LAMP, specular,
+             TEXTURED("\"metallicFactor\":1", "0"));
+    write_materials("lost.gltf", materials);
+    file = read_back("lost.gltf", 0);
+    CHECK(file && file->simplified[SCENE_FILE_SPECULAR] == 1 && !file->simplified[SCENE_FILE_MAP],
+          "%d with strength of reflections, %d with maps: %s", file ? file->simplified[SCENE_FILE_SPECULAR] : 0,
+          file ? file->simplified[SCENE_FILE_MAP] : 0, error);
+    scene_file_free(file);
+}
+
 /* All textures of a material use one set of texture coordinates: that of its colour texture or, without one, that of
    its metalness texture. */
 TEST(coordinates_of_metal) {
@@ -555,7 +586,9 @@ TEST(gloss_of_other_formats) {
         { "Kd .04 .04 .06\nKs .8 .4 .1\nNs 98\nillum 5", { 1.5, 0, 0.37606031 }, 0.04 },
         { "Kd 0 0 0\nKs .5 .5 .5\nNs 98\nNi 2\nillum 5", { 2, 0, 0.37606031 }, 0 },
         { "Kd 0 0 0\nKe 1 1 1\nKs 1 1 1\nNs 98\nillum 3", { 0, 0, 0 }, 0 },
-        { "Kd .5 .5 .5\nPr .3\nPm .75", { 1.5, 0.75, 0.3 }, 0.5 } };
+        { "Kd .5 .5 .5\nPr .3\nPm .75", { 1.5, 0.75, 0.3 }, 0.5 },
+        { "Kd .5 .5 .5\nKs 1 1 1\nNs -5\nillum 2", { 1.5, 0, 1 }, 0.5 },
+        { "Kd 0 0 0\nKs 3 .4 .1\nNs 98\nillum 3", { 1.5, 1, 0.37606031 }, 1 } };
     enum { COUNT = sizeof materials / sizeof *materials };
     gloss all[COUNT];
     scene_file *file;
@@ -690,20 +723,20 @@ TEST(blending_of_gltf) {
         COLORED("0.75") ",\"alphaMode\":\"BLEND\"|" COLORED("1") ",\"alphaMode\":\"BLEND\"|"
         COLORED("0.25") "|" COLORED("0.75") ",\"alphaMode\":\"MASK\"|" COLORED("0") ",\"alphaMode\":\"BLEND\"|"
         COLORED("0.25") ",\"alphaMode\":\"MASK\"|" COLORED("0.5") ",\"alphaMode\":\"BLEND\","
-        EXTENSION("unlit", "");
-    static const pane blended[7] = { { 0, 0, 1, 0, 0 }, { 0, 0, 0.25, 1, 0 }, { 0, 0, 0.75, 1, 0 }, { 0, 0, 1, 1, 0 },
-        { 0, 0, 1, 0, 0 }, { 0, 2 / 3.0, 1, 0, 0 }, { 0, 0, 0.5, 1, 0 } };
-    static const pane cut[6] = { { 0, 0, 1, 0, 0 }, { 0, 2 / 3.0, 1, 0, 0 }, { 0, 0.5, 1, 0, 0 }, { 0, 0, 1, 0, 0 },
-        { 0, 2 / 3.0, 1, 0, 0 }, { 0, 1, 1, 0, 0 } };
+        EXTENSION("unlit", "") "|" COLORED("-1");
+    static const pane blended[8] = { { 0, 0, 1, 0, 0 }, { 0, 0, 0.25, 1, 0 }, { 0, 0, 0.75, 1, 0 }, { 0, 0, 1, 1, 0 },
+        { 0, 0, 1, 0, 0 }, { 0, 2 / 3.0, 1, 0, 0 }, { 0, 0, 0.5, 1, 0 }, { 0, 0, 1, 0, 0 } };
+    static const pane cut[7] = { { 0, 0, 1, 0, 0 }, { 0, 2 / 3.0, 1, 0, 0 }, { 0, 0.5, 1, 0, 0 }, { 0, 0, 1, 0, 0 },
+        { 0, 2 / 3.0, 1, 0, 0 }, { 0, 1, 1, 0, 0 }, { 0, 0, 1, 0, 0 } };
     static const char thin[] = FACTORS("0", "1") "|" MODEL("\"metallicFactor\":0,\"roughnessFactor\":0.5,"
         "\"baseColorFactor\":[1,1,1,0.125]") ",\"alphaMode\":\"BLEND\"";
     static const char gone[] = FACTORS("0", "1") "|" MODEL("\"metallicFactor\":0,\"roughnessFactor\":0.5,"
         "\"baseColorFactor\":[1,1,1,0]") ",\"alphaMode\":\"BLEND\"";
     static const pane two[2] = { { 0, 0, 1, 0, 0 }, { 0, 0, 0.125, 1, 0 } };
     scene_file *file;
-    check_panes(materials, 0, blended, 7);
-    check_panes(materials, 1, cut, 6);
-    check_panes(strchr(materials, '|') + 1, 0, cut + 1, 5);  /* no other material: the scene is matte */
+    check_panes(materials, 0, blended, 8);
+    check_panes(materials, 1, cut, 7);
+    check_panes(strchr(materials, '|') + 1, 0, cut + 1, 6);  /* no other material: the scene is matte */
     file = read_back("panes.gltf", 0);
     CHECK(file && is_gloss(material_of(file, 0), &matte) && file->simplified[SCENE_FILE_BLEND] == 2,
           "BLEND made a file glossy");
@@ -726,6 +759,7 @@ TEST(glass_of_obj) {
         { "Kd .5 .5 .5\nillum 9\nd 0", { 1, 0, 1, 0, 0 }, 1, 1 },
         { "Kd .5 .5 .5\nKs .5 .5 .5\nNs 18\nillum 4\nTf 1 1 1\nNi 1", { 0, 0, 1, 0, 0 }, 0.5, 0.5 },
         { "Kd .5 .5 .5\nKs .5 .5 .5\nNi 1.5\nillum 5", { 0, 0, 1, 0, 0 }, 0.5, 0.5 },
+        { "Kd .5 .5 .5\nillum 9\nd -1", { 1, 0, 1, 0, 0 }, 1, 1 },
         { "Kd .5 .5 .5\nd 0.25", { 0, 0, 0.25, 1, 0 }, 0.5, 0.5 },
         { "Kd .5 .5 .5\nd 0", { 0, 0, 1, 0, 0 }, -1, -1 } };
     enum { COUNT = sizeof materials / sizeof *materials };
@@ -1955,6 +1989,7 @@ int main(void) {
     RUN(a_broken_picture_is_opened_once);
     RUN(gloss_of_gltf);
     RUN(textures_of_metal);
+    RUN(gloss_that_is_lost_is_counted);
     RUN(coordinates_of_metal);
     RUN(gloss_of_other_formats);
     RUN(grey_without_material);

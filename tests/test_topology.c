@@ -2229,17 +2229,74 @@ TEST(reflections_have_their_own_options) {
     m.desc.price = 1;
     m.desc.specular_price = 2;
     m.desc.options.mode = m.work.measurement.options.mode = SBL_MODE_DIRECT;
-    m.work.measurement.looks = m.work.measurement.look_rays = 1;
+    m.desc.measure_work = 1;
+    m.work.measurement.looks = 3;  /* a restart has reduced the number of looks from 12 */
+    m.work.measurement.look_rays = 4 * sbl__look_rays(m.desc.target_error);
     m.work.measurement.options.backend = SBL_BACKEND_RASTER;
     m.work.measurement.options.ray_length = 3;
     REQUIRE(sbl__reflections_begin(&f, &m) == SBL_SUCCESS, "no memory");
+    CHECK(f.measurement.looks == 12, "%d looks of lobes", f.measurement.looks);
     CHECK(f.spec.traced && f.spec.lobe && !f.spec.no_light && f.spec.rays == SBL__REFLECTIONS_RAYS &&
               !(f.spec.ray_length > 0), "%d rays of the length %g", f.spec.rays, (double)f.spec.ray_length);
     CHECK(fabs((double)f.refine.price - 2) < 1e-6 && !(f.refine.threshold > 0) && !f.refine.look_rays,
           "price %g, threshold %g", (double)f.refine.price, (double)f.refine.threshold);
-    sbl__refine_free(&core.device, &f.refine);
-    sbl__free(&core.base, f.errors);
+    m.refine.luminance = f.refine.luminance = 2;  /* with shown2, errors were relative to 4 */
+    m.refine.shown2 = 4;
+    m.refine.predicted = 0.1;
+    core.stats.picture.price = 3;
+    memset(f.refine.pixels, 0, sizeof *f.refine.pixels);  /* the pixel has sensor 0 */
+    f.refine.sensors[0][0].work = 8 * (float)sbl__look_rays(m.desc.target_error);
+    sbl__reflections_end(&f, &m);
+    CHECK(fabs((double)core.stats.picture.radiance_error - 0.2) < 1e-6 &&
+              fabs((double)core.stats.picture.price - 12) < 1e-6, "error of R %g, price %g",
+          (double)core.stats.picture.radiance_error, (double)core.stats.picture.price);
+    CHECK(fabs((double)m.lobe_work[0] - 2 * SBL__REFLECTIONS_RAYS) < 1e-4, "the work of a lobe is %g",
+          (double)m.lobe_work[0]);
+    sbl__free(&core.base, m.errors);
+    sbl__free(&core.base, m.lobe_work);
     CHECK(core.base.memory.host_bytes == 0, "memory is left");
+}
+
+/* The light of a lobe is the less certain, the fewer cells the lobe sees: 8 alpha^2 times as many as R depends on, but
+   at least a tenth. R stands for the light in rough lobes only. */
+TEST(sharp_lobes_see_few_cells) {
+    static const double roughness[4] = { 0.2, 0.4, 0.5, 1 };
+    static sbl__reflections f;
+    static sbl__map m;
+    sbl__sensor sensor, *block = &sensor;
+    sbl__pixel pixels[2];
+    sbl__pixel_lobe lobe;
+    sbl__spec spec;
+    float lobe_of[4] = { 0 }, none[4] = { 0 }, layers[1] = { 0 };
+    sbl__leaf leaf;
+    float specular[4] = { 1, 1, 1, 0 }, radiance[4] = { 3, 3, 3, 1 };
+    const float *const from[SBL__READS] = { lobe_of, specular, none, radiance };
+    int i;
+    memset(&sensor, 0, sizeof sensor);
+    memset(pixels, 0, sizeof pixels);
+    memset(&spec, 0, sizeof spec);
+    spec.bounced = 1;
+    leaf.light[0] = leaf.light[1] = leaf.light[2] = 2;
+    sbl__leaf_set_uncertainty(&leaf, 0.125);
+    pixels[0].id = 1;
+    m.refine.pixels = pixels;
+    m.refine.spec = &spec;
+    f.refine.pixels = pixels + 1;
+    f.refine.spec = &f.spec;
+    f.refine.lobes = &lobe;
+    f.refine.layers = layers;
+    m.refine.sensors = f.refine.sensors = &block;
+    m.refine.width = f.refine.width = 1;
+    m.refine.stored_light = leaf.light;
+    for (i = 0; i < 4; i++) {
+        const double cells = fmax(8 * pow(roughness[i], 4), 0.1);
+        lobe_of[1] = (float)((SBL__LOBE_STEPS + 1) * floor(SBL__LOBE_STEPS * roughness[i] + 0.5));
+        REQUIRE(sbl__reflections_put(&f, &m, 0, from) == SBL_SUCCESS, "no memory");
+        CHECK(fabs((double)lobe.fixed_error / 0.25 * sqrt(fmin(cells, 1)) - 1) < 0.01,
+              "roughness %g: the error is %g", roughness[i], (double)lobe.fixed_error);
+        CHECK(fabs((double)lobe.light - (i ? 3 : 0)) < 1e-5, "roughness %g: light of %g", roughness[i],
+              (double)lobe.light);
+    }
 }
 
 /* The end of a refinement frees the job of traced rays, and keeps that of views, whose weights take long to compute. */
@@ -2391,9 +2448,9 @@ TEST(pictures_choose_the_number_of_cells) {
 TEST(triangles_of_a_mirror_are_one_plane) {
     static const float at[12] = { 0, 0, 0, 4, 0, 0, 4, 3, 0, 0, 5, 0 };
     static sbl__lamp_trees l;
-    uint32_t indices[15] = { 0, 1, 2, 0, 2, 3, 4, 5, 6, 8, 9, 10, 12, 13, 14 };
-    sbl__vertex vertices[16];
-    sbl__object objects[4];
+    uint32_t indices[18] = { 0, 1, 2, 0, 2, 3, 4, 5, 6, 8, 9, 10, 12, 13, 14, 16, 17, 18 };
+    sbl__vertex vertices[20];
+    sbl__object objects[5];
     sbl__geometry g;
     int i, k;
     memset(vertices, 0, sizeof vertices);
@@ -2402,20 +2459,20 @@ TEST(triangles_of_a_mirror_are_one_plane) {
     g.vertices = vertices;
     g.indices = indices;
     g.objects = objects;
-    g.triangle_count = 5;
+    g.triangle_count = 6;
     g.extent = 5;
     l.geometry = &g;
-    for (i = 0; i < 16; i++) {
+    for (i = 0; i < 20; i++) {
         memcpy(vertices[i].position, at + 3 * (i % 4), 12);
         vertices[i].object = (uint32_t)i / 4;
         if (i >= 12) vertices[i].position[2] = 1;
     }
-    for (i = 0; i < 4; i++) {
+    for (i = 0; i < 5; i++) {
         objects[i].reflectance = i == 1 ? -1 : 0.5f;
-        objects[i].roughness = i == 2 ? 0.45f : 0.2f;
+        objects[i].roughness = i == 4 ? 0.55f : i == 2 ? 0.45f : 0.2f;
         for (k = 0; k < 3; k++) objects[i].albedo[k] = 0.5f;
     }
-    for (i = 0; i < 5; i++) CHECK(sbl__planes_add(&l, i) == SBL_SUCCESS, "triangle %d", i);
+    for (i = 0; i < 6; i++) CHECK(sbl__planes_add(&l, i) == SBL_SUCCESS, "triangle %d", i);
     REQUIRE(l.plane_count == 3, "%d planes", l.plane_count);
     CHECK(fabs(l.planes[0].own - 8) < 1e-5 && fabs(l.planes[0].weight - 8) < 1e-5, "the mirror reflects %g",
           l.planes[0].own);
@@ -2425,6 +2482,36 @@ TEST(triangles_of_a_mirror_are_one_plane) {
               (double)l.planes[0].bounds.low[k], (double)l.planes[0].bounds.high[k]);
     CHECK(fabs(l.planes[2].offset - 1) < 1e-6 && fabs(l.planes[1].own - 3) < 1e-5, "other planes: %g, %g",
           l.planes[2].offset, l.planes[1].own);
+    for (l.plane_count = 0; l.plane_count < SBL__PLANES; l.plane_count++) {
+        l.planes[l.plane_count].reflectance[0] = 1;
+        l.planes[l.plane_count].weight = l.plane_count == 5 ? 7 : 8;
+    }
+    CHECK(sbl__planes_add(&l, 0) == SBL_SUCCESS && l.plane_count == SBL__PLANES, "%d planes", l.plane_count);
+    CHECK(fabs(l.planes[5].own - 3) < 1e-5 && fabs(l.planes[5].weight - 10) < 1e-5, "a new mirror reflects %g, its "
+          "weight is %g", l.planes[5].own, l.planes[5].weight);
+}
+
+/* The cluster of lamps with the largest product of power and radius is divided, until there are four. */
+TEST(large_clusters_of_lamps_are_divided) {
+    enum { NODES = 9 };
+    static const struct { float radius, power; uint32_t beyond; } tree[NODES] = { { 10, 5, 9 }, { 4, 3.5f, 6 },
+        { 3, 1.9f, 5 }, { 0.1f, 1, 4 }, { 0.1f, 0.9f, 5 }, { 0.1f, 0.1f, 6 }, { 5, 3, 9 }, { 0.1f, 2, 8 },
+        { 0.1f, 1, 9 } };
+    static const int expected[4] = { 2, 7, 8, 5 };
+    static sbl__lamp_trees l;
+    sbl__lamp_node nodes[NODES];
+    int found[SBL__MIRRORED_CLUSTERS], count, i;
+    memset(nodes, 0, sizeof nodes);
+    for (i = 0; i < NODES; i++) {
+        nodes[i].radius = tree[i].radius;
+        nodes[i].power = tree[i].power;
+        nodes[i].beyond = tree[i].beyond;
+    }
+    l.nodes = nodes;
+    l.node_count = NODES;
+    count = sbl__mirrored_clusters(&l, found);
+    REQUIRE(count == 4, "%d clusters", count);
+    for (i = 0; i < 4; i++) CHECK(found[i] == expected[i], "cluster %d is node %d, not %d", i, found[i], expected[i]);
 }
 
 /* The light groups of a leaf add up to its light, even if it is bright; none is negative. Light that no group has
@@ -3601,6 +3688,7 @@ int main(void) {
     RUN(flat_boxes_are_thick_enough);
     RUN(glimpses_are_coarse);
     RUN(reflections_have_their_own_options);
+    RUN(sharp_lobes_see_few_cells);
     RUN(jobs_of_views_are_kept);
     RUN(pixels_of_all_kinds_are_read);
     RUN(skies_are_turned);
@@ -3608,6 +3696,7 @@ int main(void) {
     RUN(leaves_have_limits);
     RUN(pictures_choose_the_number_of_cells);
     RUN(triangles_of_a_mirror_are_one_plane);
+    RUN(large_clusters_of_lamps_are_divided);
     RUN(groups_of_a_leaf_add_up);
     RUN(batches_are_progress);
     RUN(points_fill_triangles_evenly);
