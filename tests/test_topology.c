@@ -1591,6 +1591,68 @@ TEST(contact_lines_cut_what_they_cross) {
     sbl__free(&core.base, store.cuts);
 }
 
+/* A plane cuts a leaf only if the leaf continues behind it; two contact rays that hit the same plane cut once. The part
+   with the leaf's points keeps the leaf. If the contact rays of a leaf were cast earlier than a line cuts it, all hits
+   must be placed again. */
+TEST(planes_cut_leaves_once) {
+    static const float corners[6][3] = { { 0, 0, 0 }, { 0, 0, 1 }, { 1, 0, 0 },
+                                         { 0.6f, 0, 0 }, { 0.6f, 0, 1 }, { 0.6f, 1, 0 } };
+    static sbl__bounce b;
+    static sbl__core core;
+    static sbl__cell_bucket cells[128];
+    uint32_t indices[6] = { 0, 1, 2, 3, 4, 5 }, patches[2] = { 0, 1u << SBL__PATCH_SHIFT }, root;
+    const double whole[2] = { 0, 1 };
+    sbl__vertex vertices[6];
+    sbl__bounce_point point;
+    sbl__bounce_leaf state;
+    sbl__geometry g;
+    sbl__store store;
+    sbl__contact line;
+    sbl__hit hit;
+    int i;
+    memset(vertices, 0, sizeof vertices);
+    memset(&point, 0, sizeof point);
+    memset(&state, 0, sizeof state);
+    memset(&g, 0, sizeof g);
+    memset(&store, 0, sizeof store);
+    memset(&line, 0, sizeof line);
+    memset(&hit, 0, sizeof hit);
+    for (i = 0; i < 6; i++) memcpy(vertices[i].position, corners[i], sizeof *corners);
+    g.vertices = vertices;
+    g.indices = indices;
+    core.base = base;
+    store.patches = patches;
+    store.cells = cells;
+    store.cell_capacity = 128;
+    store.length = 1;
+    store.leaf_count = store.max_leaves = 1;
+    b.core = &core;
+    b.geometry = &g;
+    b.store = &store;
+    b.points = &point;
+    b.states = &state;
+    point.at.distance = 9;
+    point.at.position[0] = point.at.position[2] = 0.2f;
+    hit.side = 1 << 1;
+    hit.position[0] = 0.6f;
+    hit.position[1] = hit.position[2] = 0.2f;
+    *sbl__store_bucket(&store, 0, point.at.position) = 1;
+    for (i = 0; i < 2; i++)
+        CHECK(sbl__contacts_cut(&b, 0, &hit) == SBL_SUCCESS && store.cut_count == 1, "%d cuts", store.cut_count);
+    line.normal[0] = 1;
+    line.distance = 0.6f;
+    for (i = 0; i < 2; i++) {
+        const sbl__cut *cut;
+        root = 1;
+        b.cut_leaves = i;
+        CHECK(sbl__contact_cut_below(&b, &line, &root, whole, 0) == SBL_SUCCESS && store.cut_count == 2 + i, "no cut");
+        cut = &store.cuts[1 + i];
+        CHECK(cut->sides[0] == 1 && !cut->sides[1] && b.recheck == i, "the cut leads to %u and %u, and %s", cut->sides[0],
+              cut->sides[1], b.recheck ? "hits are placed again" : "hits stay");
+    }
+    sbl__free(&core.base, store.cuts);
+}
+
 /* The light of glows is added to that of lamps, in R and in all groups. Points that are invalid keep their light. */
 TEST(light_of_glows_is_added) {
     static sbl__bounce b;
@@ -3576,6 +3638,7 @@ int main(void) {
     RUN(lobes_are_unpacked);
     RUN(largest_mirrors_of_lamps_are_kept);
     RUN(contact_lines_cut_what_they_cross);
+    RUN(planes_cut_leaves_once);
     RUN(light_of_glows_is_added);
     RUN(white_walls_are_told_once);
     RUN(changed_lights_keep_points);
