@@ -418,6 +418,7 @@ TEST(light_is_linear_beside_silhouettes) {
     sbl__sensor *block = sensors;
     sbl__refine r;
     sbl__tile tile;
+    sbl__mix mix;
     int i, k, missing;
     small_refine(&r, pixels, &block, SIDE);
     r.geometry_aware = 1;
@@ -464,6 +465,10 @@ TEST(light_is_linear_beside_silhouettes) {
                       (i == 2 || fabs((double)tile.uncovered - 1.125) < 1e-5), "way %d, count %d: %d pixels, "
                   "split %d, uncovered %g", missing, i, tile.pixels, tile.must_split, (double)tile.uncovered);
         }
+        for (i = 0; i < SIDE * SIDE; i++) sensors[i].variance = 1;
+        sbl__interpolate(&r, &tile, 6, 6, 0, &mix);  /* in the paper's mode: the mean of three sensors */
+        CHECK(fabs((double)mix.covered - 0.75) < 1e-6 && fabs(mix.variance - 1 / 3.0) < 1e-6,
+              "weight %g, variance %g", (double)mix.covered, mix.variance);
         r.geometry_aware = 1;
         r.threshold = 0;
     }
@@ -762,6 +767,50 @@ TEST(noise_of_sensors_is_no_bias) {
         sensors[2].variance = variances[i];
         CHECK(fabs((double)sbl__tile_sensor_bias2(&r, &tile) - expected[i]) < 1e-5,
               "variance %g: the squared bias is %g", variances[i], (double)sbl__tile_sensor_bias2(&r, &tile));
+    }
+}
+
+/* Light that is constant up to the last sensor of a surface may still change before the border of the surface: little,
+   more where another surface is close, and most across narrow charts of lightmaps. */
+TEST(light_may_change_beside_borders) {
+    enum { SIDE = 5 };
+    static const struct { int id, next, atlas; float away, error; } cases[6] = {
+        { 2, 1, 0, 6, SBL__SILHOUETTE_ERROR }, { 2, 1, 0, 4, SBL__CONTACT_ERROR },
+        { 0, 1, 0, 4, SBL__SILHOUETTE_ERROR }, { 2, 0, 0, 6, SBL__CONTACT_ERROR },
+        { 2, 1, 1, 4, SBL__CONTACT_ERROR }, { 0, 0, 1, 6, SBL__NARROW_ERROR } };
+    static const sbl__atlas atlas;
+    static sbl__pixel pixels[SIDE * SIDE];
+    static sbl__sensor sensors[SIDE * SIDE];
+    sbl__sensor *block = sensors;
+    sbl__refine r;
+    sbl__edge e;
+    int i, k;
+    small_refine(&r, pixels, &block, SIDE);
+    r.geometry_aware = 1;
+    for (k = 0; k < 3; k++) r.weights[k] = 1;
+    for (k = 0; k < 2; k++) {
+        e.line.x[k] = 2 + 2 * k;
+        e.line.y[k] = 0;
+        e.ends[k] = &pixels[2 + 2 * k];
+    }
+    for (i = 0; i < 5; i += 2) {
+        pixels[i].id = 1;
+        pixels[i].normal[1] = 1;
+        pixels[i].sensor = (uint32_t)i + 1;
+        pixels[i].position[0] = (float)i;
+        for (k = 0; k < 3; k++) sensors[i + 1].radiance[k] = 0.5f;
+    }
+    sensors[3].sensed = 1;
+    for (i = 0; i < 6; i++) {
+        const double expected = 3 * pow(0.5 * (double)cases[i].error, 2);
+        float unseen2 = 0, bias2;
+        pixels[4].id = (uint32_t)cases[i].id;
+        pixels[4].position[0] = 2 + cases[i].away;
+        sensors[1].sensed = (unsigned char)cases[i].next;
+        r.atlas = cases[i].atlas ? &atlas : NULL;
+        bias2 = sbl__extrapolation_bias2(&r, &e, 0, &unseen2);
+        CHECK(fabs((double)bias2 - expected) < 1e-6 && fabs((double)unseen2 - expected) < 1e-6,
+              "case %d: %g and %g, expected %g", i, (double)bias2, (double)unseen2, expected);
     }
 }
 
@@ -1647,8 +1696,8 @@ TEST(planes_cut_leaves_once) {
         b.cut_leaves = i;
         CHECK(sbl__contact_cut_below(&b, &line, &root, whole, 0) == SBL_SUCCESS && store.cut_count == 2 + i, "no cut");
         cut = &store.cuts[1 + i];
-        CHECK(cut->sides[0] == 1 && !cut->sides[1] && b.recheck == i, "the cut leads to %u and %u, and %s", cut->sides[0],
-              cut->sides[1], b.recheck ? "hits are placed again" : "hits stay");
+        CHECK(cut->sides[0] == 1 && !cut->sides[1] && b.recheck == i, "the cut leads to %u and %u, and %s",
+              cut->sides[0], cut->sides[1], b.recheck ? "hits are placed again" : "hits stay");
     }
     sbl__free(&core.base, store.cuts);
 }
@@ -1859,12 +1908,19 @@ TEST(guides_are_smoothed) {
     static const double expected[5][3] = { { 0, 0, 0.48 }, { 0, 1, 0.16 }, { 0, SBL__GUIDE_SECTORS - 1, 0.16 },
                                            { 1, 0, 0.12 }, { SBL__GUIDE_BANDS - 1, 0, 0 } };
     static float found[SBL__GUIDE_BINS];
+    uint32_t words[SBL__GUIDE_SECTORS / 2];
     int i;
     found[0] = 1;
     for (i = 0; i < 5; i++)
         CHECK(fabs((double)sbl__guide_smooth(found, (int)expected[i][0], (int)expected[i][1]) - expected[i][2]) < 1e-6,
               "bin %g %g has %g", expected[i][0], expected[i][1],
               (double)sbl__guide_smooth(found, (int)expected[i][0], (int)expected[i][1]));
+    CHECK(sbl__guide_bin(1, 1) == SBL__GUIDE_BINS - 1 && sbl__guide_bin(0, 1) == SBL__GUIDE_SECTORS - 1, "bins %d, %d",
+          sbl__guide_bin(1, 1), sbl__guide_bin(0, 1));
+    sbl__guide_intervals(found + SBL__GUIDE_SECTORS, SBL__GUIDE_SECTORS, SBL__GUIDE_UNIFORM, words);
+    for (i = 0; i < SBL__GUIDE_SECTORS; i++)  /* in a dark band, all sectors have the same probability */
+        CHECK((words[i / 2] >> 16 * (i & 1) & 0xffff) == (uint32_t)(SBL__GUIDE_STEPS * i / SBL__GUIDE_SECTORS),
+              "sector %d begins at %u", i, words[i / 2] >> 16 * (i & 1) & 0xffff);
 }
 
 /* The number of rays of looks grows only after the first round, if the host has not chosen it, and if looks are
@@ -3056,6 +3112,25 @@ TEST(given_rays_are_all_traced) {
     CHECK(!m.every_ray, "every ray is traced by default");
 }
 
+/* Each job of a gathering writes to the readings and groups of its own sites. */
+TEST(jobs_have_their_own_readings) {
+    static sbl__core core;
+    static sbl__gathering g;
+    sbl_reading readings[5];
+    float groups[5 * 3 * 2];
+    core.scene.light_groups = 2;
+    g.work.core = &core;
+    g.desc.readings = readings;
+    g.desc.groups = groups;
+    g.desc.site_count = 5;
+    g.first = 3;
+    CHECK(sbl__gathering_next_job(&g) == SBL__GATHER_SITES && g.work.task.readings == readings + 3 &&
+              g.work.task.layers == groups + 3 * 3 * 2 && g.work.task.site_count == 2, "%d sites",
+          g.work.task.site_count);
+    g.first = 5;
+    CHECK(sbl__gathering_next_job(&g) == SBL__GATHER_DONE, "there is no end");
+}
+
 /* No site is measured before the stage that measures sites, and all are after it. When this stage starts, the job of
    earlier sites does not count. */
 TEST(sites_are_measured_in_their_stage) {
@@ -3618,6 +3693,7 @@ int main(void) {
     RUN(the_nearest_guide_is_taken);
     RUN(edges_of_spots_are_soft);
     RUN(noise_of_sensors_is_no_bias);
+    RUN(light_may_change_beside_borders);
     RUN(divisions_halve_fractions);
     RUN(hits_follow_cuts);
     RUN(uncertainty_has_a_limit);
@@ -3691,6 +3767,7 @@ int main(void) {
     RUN(positions_fill_texels);
     RUN(what_is_freed_is_zero);
     RUN(given_rays_are_all_traced);
+    RUN(jobs_have_their_own_readings);
     RUN(sites_are_measured_in_their_stage);
     RUN(hinges_weigh_as_the_smaller_triangle);
     RUN(developed_light_is_deleted);
