@@ -3131,6 +3131,49 @@ TEST(jobs_have_their_own_readings) {
     CHECK(sbl__gathering_next_job(&g) == SBL__GATHER_DONE, "there is no end");
 }
 
+/* The host draws a view of the second look of a batch, the 12th of the job, into the slot of this look. In the space of
+   the view, the sensor is at 0 0 0, and what is in front of it has a negative z. */
+TEST(drawn_views_belong_to_a_look) {
+    static sbl__scene scene;
+    static sbl__raster r;
+    static sbl__spec spec;
+    sbl__look looks[2];
+    sbl__sheets sheets;
+    sbl__batch b;
+    sbl_draw_view v;
+    double right[3], up[3], forward[3], origin[3], ahead[3];
+    int i, k;
+    memset(&sheets, 0, sizeof sheets);
+    memset(&b, 0, sizeof b);
+    memset(looks, 0, sizeof looks);
+    sbl__layout_make(&sheets.layout, 1, 16, 0);
+    sheets.slots.columns = 4;
+    scene.geometry.extent = 3;
+    b.scene = &scene;
+    b.spec = &spec;
+    b.looks = looks;
+    b.first = 10;
+    b.slot = 6;
+    b.count = 2;
+    looks[1].normal[1] = 1;
+    for (k = 0; k < 3; k++) looks[1].position[k] = (float)k + 1;
+    sbl__raster_view(&r, &sheets, &b, 5 + 2, &v);
+    CHECK(v.sensor == 11 && v.face == 2, "look %d, view %d", v.sensor, v.face);
+    CHECK(v.viewport[0] == 3 * sbl__layout_pitch(&sheets.layout, 0) + sheets.layout.rects[2][0] &&
+              v.viewport[1] == sbl__layout_pitch(&sheets.layout, 1) + sheets.layout.rects[2][1] &&
+              v.viewport[2] == 16 && v.viewport[3] == 8, "the view is at %d %d", v.viewport[0], v.viewport[1]);
+    sbl__view_axes(&looks[1], 2, right, up, forward);
+    for (i = 0; i < 3; i++) {
+        origin[i] = ahead[i] = (double)v.world_to_view[12 + i];
+        for (k = 0; k < 3; k++) {
+            origin[i] += (double)(v.world_to_view[4 * k + i] * looks[1].position[k]);
+            ahead[i] += (double)v.world_to_view[4 * k + i] * ((double)looks[1].position[k] + forward[k]);
+        }
+        CHECK(fabs(origin[i]) < 1e-5 && fabs(ahead[i] + (i == 2)) < 1e-5, "axis %d: %g, ahead %g", i, origin[i],
+              ahead[i]);
+    }
+}
+
 /* No site is measured before the stage that measures sites, and all are after it. When this stage starts, the job of
    earlier sites does not count. */
 TEST(sites_are_measured_in_their_stage) {
@@ -3768,6 +3811,7 @@ int main(void) {
     RUN(what_is_freed_is_zero);
     RUN(given_rays_are_all_traced);
     RUN(jobs_have_their_own_readings);
+    RUN(drawn_views_belong_to_a_look);
     RUN(sites_are_measured_in_their_stage);
     RUN(hinges_weigh_as_the_smaller_triangle);
     RUN(developed_light_is_deleted);

@@ -30,7 +30,12 @@ static void count_lost(sbl_log_level level, sbl_log_item item, const char *messa
     printf("  %s\n", message);
 }
 
-static int until_lost(float done, void *user) { (void)done; (void)user; return lost_said > 0; }
+/* Cancels the work once rays between surfaces have been cast. */
+static int until_cast(float done, void *user) {
+    (void)done;
+    (void)user;
+    return sbl_query_stats(context).store.rays > 0;
+}
 
 static sbl_picture_desc traced(sbl_picture_desc view, sbl_mode mode, int rays) {
     view = scene_plain(view, mode, 0);
@@ -518,7 +523,7 @@ TEST(lost_rays_are_reported) {
     scene = scene_desc(&s);
     desc = scene_readings(&site, &reading, 1, SBL_MODE_GI);
     desc.options.rays = 4;
-    desc.options.progress = until_lost;
+    desc.options.progress = until_cast;
     lost_said = 0;
     CHECK(!invalid || (sbl_set_scene(context, &scene) == SBL_SUCCESS &&
                        sbl_gather_readings(context, &desc) == SBL_CANCELLED && lost_bounces_said == 1),
