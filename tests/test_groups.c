@@ -705,21 +705,6 @@ TEST(memory_of_groups_is_as_documented) {
     }
 }
 
-/* A gathering without groups does not keep the textures that one with groups needed. */
-TEST(memory_of_groups_is_given_back) {
-    static float R[3 * SITES], groups[3 * SITES * GROUPS];
-    size_t bytes[3];
-    int i;
-    room(NONE);
-    REQUIRE(set(GROUPS, SKIES), "%s", watch_last(&seen));
-    for (i = 0; i < 3; i++) {
-        REQUIRE(measure(SBL_MODE_DIRECT, R, i == 1 ? groups : NULL, GROUPS) == SBL_SUCCESS, "%s", watch_last(&seen));
-        bytes[i] = sbl_query_memory(context).gpu_bytes;
-    }
-    CHECK(bytes[1] > bytes[0] && bytes[2] == bytes[0], "%.0f bytes, %.0f with groups, then %.0f", (double)bytes[0],
-          (double)bytes[1], (double)bytes[2]);
-}
-
 /* The estimate of the memory of a lightmap is large enough if textures of sensors with many rays are the largest
    part. */
 TEST(memory_is_foretold) {
@@ -799,7 +784,6 @@ int main(void) {
     RUN(lights_change_groups);
     RUN(mistakes_with_groups);
     RUN(memory_of_groups_is_as_documented);
-    RUN(memory_of_groups_is_given_back);
     RUN(memory_is_foretold);
     RUN(memory_runs_out);
     scene_free(&s);
