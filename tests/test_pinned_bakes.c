@@ -446,10 +446,10 @@ static const struct { const char *name; hash (*make)(void); } cases[] = {
 enum { CASES = sizeof cases / sizeof *cases };
 
 static const hash llvmpipe_15[CASES] = {
-    0xe550da65726a7c68u,  /* glossy_picture */
-    0x9045e472affd8764u,  /* glossy_window */
+    0x8e16d66547a4f9aeu,  /* glossy_picture */
+    0xe1e79fd8868a3e29u,  /* glossy_window */
     0x5b5bd258a298d6c8u,  /* glossy_inspection */
-    0x5f5f72ab45ac3075u,  /* glossy_store */
+    0x85ba572c5e03cf28u,  /* glossy_store */
     0xbd230c87a75d2311u,  /* glossy_rasterised */
     0x0682641aa93072fau,  /* matte_picture */
     0x0cb082160fbe86b1u,  /* plain_picture */
