@@ -397,6 +397,33 @@ TEST(seams_keep_light_positive) {
     sbl__solver_free(&base, &seams.solver);
 }
 
+/* A point of a seam has the light that a bilinear sample of the map has there. Within half a texel of the border of the
+   map, this is the light at the border. */
+TEST(seams_are_sampled_as_maps) {
+    static const struct { double at[2]; int texels[2]; double weights[2]; } cases[4] = {
+        { { 0.2, 0.2 }, { 0, 15 }, { 1, 0 } }, { { 3.9, 3.8 }, { 0, 15 }, { 0, 1 } },
+        { { 2, 1.5 }, { 5, 6 }, { 0.5, 0.5 } }, { { 0.3, 2.75 }, { 8, 12 }, { 0.75, 0.25 } } };
+    static float light[4 * 16];
+    sbl__gutters g;
+    int i, k, side, at;
+    memset(&g, 0, sizeof g);
+    g.size[0] = g.size[1] = 4;
+    g.light = light;
+    for (i = 0; i < 8; i++) {
+        double sums[16] = { 0 };
+        sbl__seam_point p;
+        side = i / 4;
+        CHECK(sbl__seam_mix(&g, cases[i % 4].at, side, &p), "no light");
+        for (k = 4 * side; k < 4 * side + 4; k++) sums[p.unknowns[k]] += (double)p.weights[k];
+        for (k = 0; k < 16; k++) {
+            double expected = 0;
+            for (at = 0; at < 2; at++) if (cases[i % 4].texels[at] == k) expected += cases[i % 4].weights[at];
+            CHECK(fabs(sums[k] - (side ? -expected : expected)) < 1e-6, "case %d, side %d, texel %d: %g, expected %g",
+                  i % 4, side, k, sums[k], side ? -expected : expected);
+        }
+    }
+}
+
 /* Makes a refinement of side x side pixels, for parts that need no more than pixels and sensors. */
 static void small_refine(sbl__refine *r, sbl__pixel *pixels, sbl__sensor **block, int side) {
     int i;
@@ -1638,6 +1665,29 @@ TEST(contact_lines_cut_what_they_cross) {
     CHECK(sbl__contact_cut_below(&b, &line, &root, whole, 0) == SBL_SUCCESS && store.cut_count == 5,
           "a line cuts twice");
     sbl__free(&core.base, store.cuts);
+}
+
+/* A surface without albedo is black only if it is matte: gloss and metal reflect light. */
+TEST(black_surfaces_are_matte) {
+    static const struct { float albedo, reflectance; int black; } cases[4] = {
+        { 0, -1, 1 }, { 0.01f, -1, 0 }, { 0, 0, 0 }, { 0, 0.04f, 0 } };
+    uint32_t indices[3] = { 0, 1, 2 };
+    sbl__vertex vertices[3];
+    sbl__object object;
+    sbl__geometry g;
+    int i;
+    memset(vertices, 0, sizeof vertices);
+    memset(&object, 0, sizeof object);
+    memset(&g, 0, sizeof g);
+    g.vertices = vertices;
+    g.indices = indices;
+    g.objects = &object;
+    for (i = 0; i < 4; i++) {
+        object.albedo[2] = cases[i].albedo;
+        object.reflectance = cases[i].reflectance;
+        CHECK(sbl__triangle_is_black(&g, 0) == cases[i].black, "albedo %g, reflectance %g", (double)cases[i].albedo,
+              (double)cases[i].reflectance);
+    }
 }
 
 /* A plane cuts a leaf only if the leaf continues behind it; two contact rays that hit the same plane cut once. The part
@@ -3727,6 +3777,7 @@ int main(void) {
     RUN(continued_solutions_stop_early);
     RUN(zero_is_solved_at_once);
     RUN(seams_keep_light_positive);
+    RUN(seams_are_sampled_as_maps);
     RUN(light_is_linear_beside_silhouettes);
     RUN(light_between_sensors_is_curved);
     RUN(noise_that_is_left);
@@ -3757,6 +3808,7 @@ int main(void) {
     RUN(lobes_are_unpacked);
     RUN(largest_mirrors_of_lamps_are_kept);
     RUN(contact_lines_cut_what_they_cross);
+    RUN(black_surfaces_are_matte);
     RUN(planes_cut_leaves_once);
     RUN(light_of_glows_is_added);
     RUN(white_walls_are_told_once);
