@@ -557,6 +557,20 @@ TEST(light_between_sensors_is_curved) {
         CHECK(fabs((double)pixels[i].error - (sensors[i].sensed ? 0.2 : 0.4)) < 1e-5, "pixel %d: error %g", i,
               (double)pixels[i].error);
     }
+    tile.variance = 4;   /* a sensor is not less noisy than the tile's sensors on average */
+    tile.weight2 = 4;    /* errors of FINAL, divided by an albedo of 2, are those of R */
+    r.albedos = parabolas[0];
+    pixels[24].id = 2;   /* a corner on another surface: a quarter of the light at the middle is not curved */
+    for (i = 0; i < 12; i++) parabolas[i / 3][i % 3] = 1;
+    for (i = 0; i < SIDE * SIDE; i++) for (k = 0; k < 3; k++) sensors[i].radiance[k] = 1;
+    for (i = 0; i <= 12; i += 12) {
+        sbl__fill_pixel(&fill, i % SIDE, i / SIDE, &tile, parabolas);
+        CHECK(fabs((double)pixels[i].error - (i ? 0.2 : 0.1)) < 1e-5, "pixel %d: error %g", i,
+              (double)pixels[i].error);
+        CHECK(fabs((double)rgba[i][1] - (i ? 1 - 0.25 * 0.75 * 0.75 : 1)) < 1e-5, "pixel %d: light %g", i,
+              (double)rgba[i][1]);
+    }
+    CHECK(fabs((double)rgba[0][3] - 4) < 1e-5, "the noise of a sensor is %g", (double)rgba[0][3]);
 }
 
 /* A tile has been split, but the new sensors have not been read. All pixels get the light that the tile interpolates
@@ -795,6 +809,57 @@ TEST(noise_of_sensors_is_no_bias) {
         CHECK(fabs((double)sbl__tile_sensor_bias2(&r, &tile) - expected[i]) < 1e-5,
               "variance %g: the squared bias is %g", variances[i], (double)sbl__tile_sensor_bias2(&r, &tile));
     }
+}
+
+/* The filter averages over a square of pixels; its weights are those of a Gaussian with half its radius. */
+TEST(filters_average_a_square) {
+    int radius, x, y;
+    for (radius = 0; radius < 5; radius++) {
+        double sum = 0, squares = 0;
+        for (y = -radius; y <= radius; y++)
+            for (x = -radius; x <= radius; x++) {
+                const double weight = exp(-(x * x + y * y) / (2 * 0.25 * fmax(radius * radius, 0.04)));
+                sum += weight;
+                squares += weight * weight;
+            }
+        CHECK(fabs((double)sbl__filter_pixels(radius) / (sum * sum / squares) - 1) < 1e-5,
+              "radius %d: %g, expected %g", radius, (double)sbl__filter_pixels(radius), sum * sum / squares);
+    }
+}
+
+/* Two points share light less if one lies off the other's plane, whichever of both it is, or if their normals differ.
+   Here the first point's plane contains the second point, 1 away, but not the reverse: the distance is the sine. */
+TEST(points_share_light_both_ways) {
+    static const double sines[4] = { 0, 0.15, 0.2, 0.3 };
+    sbl__pixel a, b;
+    int i;
+    memset(&a, 0, sizeof a);
+    memset(&b, 0, sizeof b);
+    a.id = b.id = 1;
+    a.normal[1] = 1;
+    b.position[0] = 1;
+    for (i = 0; i < 4; i++) {
+        const double cosine = sqrt(1 - sines[i] * sines[i]), plane = 2 - (double)SBL__BELONGS_PLANE * sines[i];
+        const double parallel = fmin((cosine - (double)SBL__BELONGS_COSINE) / (double)SBL__BELONGS_RANGE, 1);
+        const double expected = parallel * parallel * fmax(0, fmin(plane, 1));
+        b.normal[0] = (float)sines[i];
+        b.normal[1] = (float)cosine;
+        CHECK(fabs((double)sbl__belongs(&a, &b, 1) - expected) < 1e-5 &&
+                  fabs((double)sbl__belongs(&b, &a, 1) - expected) < 1e-5, "sine %g: %g and %g, expected %g", sines[i],
+              (double)sbl__belongs(&a, &b, 1), (double)sbl__belongs(&b, &a, 1), expected);
+    }
+}
+
+/* If earlier and new looks of a sensor are as noisy as expected, their differences have this mean square. */
+TEST(differences_of_looks_have_the_noise_of_both) {
+    static sbl__refine r;
+    sbl__sensor s;
+    memset(&s, 0, sizeof s);
+    s.variance = 2;
+    sbl__looks_compare(&r, &s, 2, 8, 3);
+    CHECK(r.compared[1] == 1 && r.measured2[1] > 2.999 && r.measured2[1] < 3.001 &&
+              fabs(r.expected2[1] - 1.1 * 2 * (0.4 + 0.4 * 0.4 * 0.4)) < 1e-6, "%d: %g, expected %g", r.compared[1],
+          r.measured2[1], r.expected2[1]);
 }
 
 /* Light that is constant up to the last sensor of a surface may still change before the border of the surface: little,
@@ -1901,6 +1966,7 @@ TEST(lamps_of_sensors_are_named) {
     sbl__glow glows[2];
     sbl_sensor_lamp lamps[4];
     uint32_t codes[5], indices[15], order[5] = { 4, 3, 2, 1, 0 };
+    static sbl_sensor_ray rays[2];
     static const sbl_lamp_kind kinds[4] = { SBL_LAMP_TRIANGLE, SBL_LAMP_TRIANGLE, SBL_LAMP_SKY_TEXEL, SBL_LAMP_LIGHT };
     static const int expected[4][2] = { { 0, 1 }, { 1, 2 }, { -1, 300 }, { -1, 7 } };  /* mesh, number */
     int i;
@@ -1931,6 +1997,14 @@ TEST(lamps_of_sensors_are_named) {
         CHECK(at == wanted && lamps[at].kind == kinds[at] && lamps[at].mesh == expected[at][0] &&
                   lamps[at].number == expected[at][1], "lamp %d is lamp %d: mesh %d, number %d", i, at, lamps[at].mesh,
               lamps[at].number);
+    }
+    found.rays = rays;
+    for (i = 0; i < 5; i++) {  /* a lamp, a visible and a hidden point light; an open and a blocked ray */
+        const float light[4] = { 1, 2, 3, i < 3 ? (float)i + 1 : (float)i - 2 }, direction[4] = { 0, 1, 0, 3 };
+        sbl__inspect_take(&request, light, direction, i >= 3);
+        CHECK(lamps[3].rays == i && lamps[3].open == (i == 0 ? 0 : i < 3 ? 1 : 2) && lamps[3].unhindered[2] == 3 &&
+                  request.out.ray_count == (i < 3 ? 0 : i - 2), "step %d: %d rays, %d open", i, lamps[3].rays,
+              lamps[3].open);
     }
 }
 
@@ -3787,6 +3861,9 @@ int main(void) {
     RUN(the_nearest_guide_is_taken);
     RUN(edges_of_spots_are_soft);
     RUN(noise_of_sensors_is_no_bias);
+    RUN(filters_average_a_square);
+    RUN(points_share_light_both_ways);
+    RUN(differences_of_looks_have_the_noise_of_both);
     RUN(light_may_change_beside_borders);
     RUN(divisions_halve_fractions);
     RUN(hits_follow_cuts);
