@@ -811,6 +811,22 @@ TEST(noise_of_sensors_is_no_bias) {
     }
 }
 
+/* The cost of a node contains the costs of its descendants; the hierarchy has the highest cost per area. */
+TEST(costs_of_nodes_add_up) {
+    static const double expected[3] = { 3, 3, 4 };
+    static sbl__bvh_building b;
+    static sbl__hierarchy h;
+    sbl__bvh_node_cost costs[4] = { { 0, 0, 0 }, { 5, 4, 0 }, { 5, 4, 1 }, { 6, 2, 1 } };  /* 0: the record of the grid */
+    int i;
+    b.hierarchy = &h;
+    b.costs = costs;
+    h.node_count = 4;
+    for (i = 0; i < sbl__bvh_inner_nodes(&b); i++) {
+        sbl__bvh_cost(&b, i);
+        CHECK(fabs(h.cost - expected[i]) < 1e-9, "%d nodes: %g, expected %g", i + 1, h.cost, expected[i]);
+    }
+}
+
 /* The filter averages over a square of pixels; its weights are those of a Gaussian with half its radius. */
 TEST(filters_average_a_square) {
     int radius, x, y;
@@ -3861,6 +3877,7 @@ int main(void) {
     RUN(the_nearest_guide_is_taken);
     RUN(edges_of_spots_are_soft);
     RUN(noise_of_sensors_is_no_bias);
+    RUN(costs_of_nodes_add_up);
     RUN(filters_average_a_square);
     RUN(points_share_light_both_ways);
     RUN(differences_of_looks_have_the_noise_of_both);
