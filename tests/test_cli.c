@@ -671,6 +671,17 @@ TEST(every_channel_is_written) {
         }
         CHECK(!differing, "%s: a grey channel should have three equal components", names[i]);
         CHECK(colors > 0, "%s: the .png is of one colour", names[i]);
+        if (i == 6) {  /* the nearest surface is white, and the farthest is still visible */
+            double range[2] = { 1e30, 0 };
+            int nearest = 0, farthest = 0;
+            for (k = 0; k < 24 * 16; k++) {
+                const double depth = (double)p.values[3 * k];
+                if (depth > 0 && depth < range[0]) { range[0] = depth; nearest = png[3 * k]; }
+                if (depth > range[1]) { range[1] = depth; farthest = png[3 * k]; }
+            }
+            CHECK(nearest == 255 && abs(farthest - 26) <= 1, "depths %g and %g are %d and %d", range[0], range[1],
+                  nearest, farthest);
+        }
         stbi_image_free(png);
         free(p.values);
     }
@@ -2048,7 +2059,7 @@ TEST(sky_pictures) {
     check_sky(0.25, 0.001, "a quarter of it");
     TOOL(WALL_IN_THE_OPEN, "--sky", "one.hdr", "--sky-scale", "0");
     check_sky(0, 1e-9, "nothing of it");
-    TOOL(WALL_IN_THE_OPEN, "--sky", "one.hdr", "--sky", "0.5,0.5,0.5");
+    TOOL(WALL_IN_THE_OPEN, "--sky", "one.hdr", "--sky", "0.5,0.5,5.e-1");  /* this is no name of a file */
     check_sky(0.5, 0.001, "of two --sky options the last counts");
     TOOL(WALL_IN_THE_OPEN, "--sky", "9,9,9", "--sky", "one.hdr");
     check_sky(1, 0.001, "of two --sky options the last counts, a picture");

@@ -816,7 +816,7 @@ TEST(costs_of_nodes_add_up) {
     static const double expected[3] = { 3, 3, 4 };
     static sbl__bvh_building b;
     static sbl__hierarchy h;
-    sbl__bvh_node_cost costs[4] = { { 0, 0, 0 }, { 5, 4, 0 }, { 5, 4, 1 }, { 6, 2, 1 } };  /* 0: the record of the grid */
+    sbl__bvh_node_cost costs[4] = { { 0, 0, 0 }, { 5, 4, 0 }, { 5, 4, 1 }, { 6, 2, 1 } };  /* 0: the grid */
     int i;
     b.hierarchy = &h;
     b.costs = costs;
