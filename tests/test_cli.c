@@ -43,7 +43,7 @@ static void make_texels(unsigned char *out, int channels) {
 #define WALL_SIZE "--size", "16x16"
 
 static void wall_obj(void) {
-    unsigned char rgb[48], rgba[64], mask[64], wide_mask[64];
+    unsigned char rgb[48], rgba[64], mask[64], wide_mask[192];
     static const char *const materials[] = {
         "Kd .2 .4 .6", "Kd 1 1 1\nmap_Kd rgb.png", "Kd .5 .25 1\nmap_Kd rgb.png", "Kd 0 0 0\nKe 1 2 3",
         "Kd 0 0 0\nKe 2 4 8\nmap_Ke rgb.png", "Kd 0 0 0\nmap_Ke rgb.png", "Kd .5 .5 .5\nmap_d mask.png",
@@ -57,14 +57,14 @@ static void wall_obj(void) {
     make_texels(rgba, 4);
     for (i = 0; i < 16; i++) mask[i] = (unsigned char)((i ^ i >> 2) & 1 ? 255 : 0);           /* a checkerboard */
     for (y = 0; y < 8; y++)
-        /* the lower left half */
-        for (x = 0; x < 8; x++) wide_mask[8 * y + x] = (unsigned char)(y / 2 >= x / 2 ? 200 : 100);
+        /* the lower left half; green and blue do not count */
+        for (x = 0; x < 24; x++) wide_mask[24 * y + x] = (unsigned char)(!(x % 3) && y / 2 >= x / 6 ? 200 : 100);
     mkdir(in_folder("sub"), 0777);
     stbi_write_png(in_folder("rgb.png"), 4, 4, 3, rgb, 12);
     stbi_write_png(in_folder("sub/again.png"), 4, 4, 3, rgb, 12);
     stbi_write_png(in_folder("rgba.png"), 4, 4, 4, rgba, 16);
     stbi_write_png(in_folder("mask.png"), 4, 4, 1, mask, 4);
-    stbi_write_png(in_folder("wide.png"), 8, 8, 1, wide_mask, 8);
+    stbi_write_png(in_folder("wide.png"), 8, 8, 3, wide_mask, 24);
     mtl = fopen(in_folder("wall.mtl"), "w");
     obj = fopen(in_folder("wall.obj"), "w");
     fprintf(obj, "mtllib wall.mtl\nvt 0 0\nvt 1 0\nvt 1 1\nvt 0 1\n");

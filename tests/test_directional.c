@@ -334,27 +334,6 @@ TEST(harmonics_are_asked_for) {
     scene_free(&s);
 }
 
-/* A plain lightmap after a directional one needs no more memory than before. Both draw views. */
-TEST(memory_of_harmonics_is_given_back) {
-    static test_scene s;
-    sbl_lightmap_desc desc = map_of(24, 24, SBL_MODE_DIRECT);
-    size_t bytes[3];
-    int i;
-    memset(&s, 0, sizeof s);
-    uv_rectangle(&s, scene_floor(&s, scene_material(&s, 0.5f, 0.5f, 0.5f), 0, 1), 0.2f, 0.2f, 0.8f, 0.8f);
-    scene_sky(&s, 1, 1, 1);
-    REQUIRE(use_scene(&s), "%s", watch_last(&seen));
-    desc.options.backend = SBL_BACKEND_RASTER;
-    for (i = 0; i < 3; i++) {
-        desc.directional = i == 1;
-        REQUIRE(sbl_bake_lightmap(context, &desc) == SBL_SUCCESS, "%s", watch_last(&seen));
-        bytes[i] = sbl_query_memory(context).gpu_bytes;
-    }
-    CHECK(bytes[1] > bytes[0] && bytes[2] == bytes[0], "%.0f bytes, %.0f with harmonics, then %.0f", (double)bytes[0],
-          (double)bytes[1], (double)bytes[2]);
-    scene_free(&s);
-}
-
 /* >>light that varies within a texel */
 
 /* Returns the area of the part of the unit square where a x + b y < c. */
@@ -511,7 +490,6 @@ int main(void) {
     RUN_UNSANITIZED(even_light_has_no_direction);
     RUN(half_a_sky);
     RUN(harmonics_are_asked_for);
-    RUN(memory_of_harmonics_is_given_back);
     RUN(a_shadow_crosses_texels);
     RUN(texels_are_of_one_chart);
     sbl_destroy(context);
