@@ -122,8 +122,8 @@ TEST(rims_are_sharp) {
             const int expected = 255 * (int)share_at(2, x, y, 2);
             CHECK(bytes[LIGHTS * (SIZE * y + x)] == expected, "texel %d %d is %d, not %d", x, y,
                   bytes[LIGHTS * (SIZE * y + x)], expected);
-            CHECK(abs(2 * x + 1 - SIZE) < 4 || bytes[LIGHTS * (SIZE * y + x) + 1] == 255, "texel %d %d is %d: the light "
-                  "above the wall is off, but would reach it", x, y, bytes[LIGHTS * (SIZE * y + x) + 1]);
+            CHECK(abs(2 * x + 1 - SIZE) < 4 || bytes[LIGHTS * (SIZE * y + x) + 1] == 255, "texel %d %d is %d: the "
+                  "light above the wall is off, but would reach it", x, y, bytes[LIGHTS * (SIZE * y + x) + 1]);
             lit += expected > 0;
         }
     CHECK(lit > 40, "%d texels are lit", lit);
