@@ -15825,7 +15825,8 @@ typedef struct sbl__hit {
     uint32_t side;     /* (index of the triangle in the scene) << 1 | back; SBL__NOWHERE: the ray hit nothing */
     uint32_t leaf;     /* index of the leaf that the ray hits, or SBL__NOWHERE; valid after sbl__solution_link, and
                           before that only if `current` is 1 */
-    uint16_t albedo[3];  /* albedo of the surface, see sbl__albedo_pack */
+    uint16_t albedo[3];  /* albedo of the surface, see sbl__albedo_pack; if the ray hits nothing, fraction of light that
+                            the panes on its way pass */
     uint8_t by_metal;  /* 1: the ray had reflected off metal before this hit */
     uint8_t current;   /* 1: `leaf` is valid and stays so until a cut splits that leaf. sbl__cells_assign sets it for
                           any queued hit; it is tested only for hits of points' rays */
@@ -16048,7 +16049,8 @@ static const char *const sbl__glsl_cast[] = {
 "// position of the hit, far away if the ray hits nothing; w: 1 + number % SBL_CAST_NUMBERS (number: index of the\n",
 "// triangle in the scene), negative for its back; 0 if the ray hits nothing or the driver ended a loop early\n",
 "SBL_OUT(0, out_position);\n",
-"// rgb: albedo for bounced light; a: number / SBL_CAST_NUMBERS, or SBL_LOST if the driver ended a loop early\n",
+"// rgb: albedo for bounced light or, if the ray hits nothing, the fraction of light that the panes on its way pass;\n",
+"// a: number / SBL_CAST_NUMBERS, or SBL_LOST if the driver ended a loop early\n",
 "SBL_OUT(1, out_albedo);\n",
 "// SBL_POOLED: if it is defined, a workgroup casts SBL_CAST_POOL rays. Its invocations then share the rays that\n",
 "// continue, see trace.glsl\n",
@@ -16117,7 +16119,7 @@ static const char *const sbl__glsl_cast[] = {
 "\n",
 "// Writes the last hit of a ray.\n",
 "void sbl_cast_write(int ray, sbl_Hit hit, vec3 position, vec3 throughput) {\n",
-"    vec3 albedo = vec3(0);\n",
+"    vec3 albedo = min(throughput, vec3(1));\n",
 "    float low = 0.0, high = 0.0;\n",
 "    if (hit.triangle >= 0) {\n",
 "        int object = int(sbl_triangle_object(hit.triangle));\n",
@@ -17346,6 +17348,7 @@ static void sbl__solution_ray_sky(const sbl__bounce *b, int point, int ray, floa
     for (k = 0; k < 3; k++) direction[k] = (double)hit->position[k] - b->points[point].at.position[k];
     if (sbl__normalize(direction))
         sbl__environment_radiance(&b->core->scene.environment, direction, out);
+    for (k = 0; k < 3; k++) out[k] *= (float)hit->albedo[k] / SBL__ALBEDO_ONE;  /* panes tint the light */
 }
 
 /* Computes the light of the environment from those rays of a point that hit nothing. */

@@ -3,7 +3,8 @@
 // position of the hit, far away if the ray hits nothing; w: 1 + number % SBL_CAST_NUMBERS (number: index of the
 // triangle in the scene), negative for its back; 0 if the ray hits nothing or the driver ended a loop early
 SBL_OUT(0, out_position);
-// rgb: albedo for bounced light; a: number / SBL_CAST_NUMBERS, or SBL_LOST if the driver ended a loop early
+// rgb: albedo for bounced light or, if the ray hits nothing, the fraction of light that the panes on its way pass;
+// a: number / SBL_CAST_NUMBERS, or SBL_LOST if the driver ended a loop early
 SBL_OUT(1, out_albedo);
 // SBL_POOLED: if it is defined, a workgroup casts SBL_CAST_POOL rays. Its invocations then share the rays that
 // continue, see trace.glsl
@@ -72,7 +73,7 @@ bool sbl_cast_ray(int ray, out sbl_Hit hit, out vec3 origin, out vec3 direction)
 
 // Writes the last hit of a ray.
 void sbl_cast_write(int ray, sbl_Hit hit, vec3 position, vec3 throughput) {
-    vec3 albedo = vec3(0);
+    vec3 albedo = min(throughput, vec3(1));
     float low = 0.0, high = 0.0;
     if (hit.triangle >= 0) {
         int object = int(sbl_triangle_object(hit.triangle));

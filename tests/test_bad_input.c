@@ -1637,11 +1637,12 @@ TEST(warnings_of_moves) {
 /* The product of a finite emission and a finite texel may overflow a float; such a scene is refused. Materials that are
    too bright for sums of light are refused, too. */
 TEST(radiance_that_overflows) {
-    static const float bright[3] = { 8, 8, 8 };
+    static const float bright[3] = { 8, 8, 8 }, sky[3] = { 6e36f, 6e36f, 6e36f };
     test_scene s = { 0 };
     sbl_material materials[SCENE_MATERIALS];
     sbl_scene_desc desc;
     const int lamp = scene_lamp(&s, 3e38f, 3e38f, 3e38f);
+    int k;
     s.materials[lamp].emission_texture = scene_texture(&s, bright, sizeof bright, SBL_PIXELS_FLOAT, 1, 1, 3);
     scene_floor(&s, lamp, 0, 2);
     desc = scene_desc(&s);
@@ -1649,6 +1650,16 @@ TEST(radiance_that_overflows) {
     CHECK(sbl_set_scene(context, &desc) == SBL_ERROR_INVALID_ARGUMENT && seen.errors == 1, "%d errors: %s", seen.errors,
           watch_last(&seen));
     usable("radiance that overflows");
+    desc = scene_desc(&small);
+    for (k = 0; k < 3; k++) desc.sky[k] = 6e36f;  /* the picture is added to it */
+    desc.environment.picture.pixels = sky;
+    desc.environment.picture.format = SBL_PIXELS_FLOAT;
+    desc.environment.picture.width = desc.environment.picture.height = 1;
+    desc.environment.picture.channels = 3;
+    watch_forget(&seen);
+    CHECK(sbl_set_scene(context, &desc) == SBL_ERROR_INVALID_ARGUMENT && seen.errors == 1, "%d errors: %s", seen.errors,
+          watch_last(&seen));
+    usable("sky and picture that overflow together");
     memcpy(materials, small.materials, sizeof materials);
     materials[0].emission[0] = 3e38f;
     watch_forget(&seen);

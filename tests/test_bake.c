@@ -422,6 +422,7 @@ TEST(probes_hold_the_lamps_light) {
    no surface is closer than 1. The light and the stored light equal those of a bake without --ao. */
 TEST(ao_and_sky_maps) {
     static const char *const names[2] = { "occluded/sky.png", "occluded/ao.png" };
+    static const char bright[] = "#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y 1 +X 1\n\x80\x80\x80\x84";  /* 8, 8, 8 */
     int file, x, y, wide, high, parts;
     write_scene("room.gltf", apart, 1);
 #define EXACT_DRAFT "room.gltf", "--lightmap", "64", "--preset", "draft", "--error", "0.5%"
@@ -445,6 +446,10 @@ TEST(ao_and_sky_maps) {
 #ifdef SBL_RENDER_OPENEXR
     CHECK(exists("occluded/ao.exr") && exists("occluded/sky.exr"), "no .exr");
 #endif
+    write_file("bright.hdr", bright, sizeof bright - 1);
+    CHECK(TOOL(EXACT_DRAFT, "-o", "skylit", "--mode", "direct", "--sky", "bright.hdr", "--ao", "1") == 0 &&
+          same_files("skylit/ao.png", "occluded/ao.png") && same_files("skylit/sky.png", "occluded/sky.png"),
+          "a picture of the sky changes occlusion: %s", ran.err);
 }
 
 #define REFUSED(code, words, ...) do {                                                         \

@@ -43,7 +43,7 @@ static void make_texels(unsigned char *out, int channels) {
 #define WALL_SIZE "--size", "16x16"
 
 static void wall_obj(void) {
-    unsigned char rgb[48], rgba[64], mask[64], wide_mask[64];
+    unsigned char rgb[48], rgba[64], mask[64], wide_mask[192];
     static const char *const materials[] = {
         "Kd .2 .4 .6", "Kd 1 1 1\nmap_Kd rgb.png", "Kd .5 .25 1\nmap_Kd rgb.png", "Kd 0 0 0\nKe 1 2 3",
         "Kd 0 0 0\nKe 2 4 8\nmap_Ke rgb.png", "Kd 0 0 0\nmap_Ke rgb.png", "Kd .5 .5 .5\nmap_d mask.png",
@@ -57,14 +57,14 @@ static void wall_obj(void) {
     make_texels(rgba, 4);
     for (i = 0; i < 16; i++) mask[i] = (unsigned char)((i ^ i >> 2) & 1 ? 255 : 0);           /* a checkerboard */
     for (y = 0; y < 8; y++)
-        /* the lower left half */
-        for (x = 0; x < 8; x++) wide_mask[8 * y + x] = (unsigned char)(y / 2 >= x / 2 ? 200 : 100);
+        /* the lower left half; green and blue do not count */
+        for (x = 0; x < 24; x++) wide_mask[24 * y + x] = (unsigned char)(!(x % 3) && y / 2 >= x / 6 ? 200 : 100);
     mkdir(in_folder("sub"), 0777);
     stbi_write_png(in_folder("rgb.png"), 4, 4, 3, rgb, 12);
     stbi_write_png(in_folder("sub/again.png"), 4, 4, 3, rgb, 12);
     stbi_write_png(in_folder("rgba.png"), 4, 4, 4, rgba, 16);
     stbi_write_png(in_folder("mask.png"), 4, 4, 1, mask, 4);
-    stbi_write_png(in_folder("wide.png"), 8, 8, 1, wide_mask, 8);
+    stbi_write_png(in_folder("wide.png"), 8, 8, 3, wide_mask, 24);
     mtl = fopen(in_folder("wall.mtl"), "w");
     obj = fopen(in_folder("wall.obj"), "w");
     fprintf(obj, "mtllib wall.mtl\nvt 0 0\nvt 1 0\nvt 1 1\nvt 0 1\n");
@@ -671,6 +671,17 @@ TEST(every_channel_is_written) {
         }
         CHECK(!differing, "%s: a grey channel should have three equal components", names[i]);
         CHECK(colors > 0, "%s: the .png is of one colour", names[i]);
+        if (i == 6) {  /* the nearest surface is white, and the farthest is still visible */
+            double range[2] = { 1e30, 0 };
+            int nearest = 0, farthest = 0;
+            for (k = 0; k < 24 * 16; k++) {
+                const double depth = (double)p.values[3 * k];
+                if (depth > 0 && depth < range[0]) { range[0] = depth; nearest = png[3 * k]; }
+                if (depth > range[1]) { range[1] = depth; farthest = png[3 * k]; }
+            }
+            CHECK(nearest == 255 && abs(farthest - 26) <= 1, "depths %g and %g are %d and %d", range[0], range[1],
+                  nearest, farthest);
+        }
         stbi_image_free(png);
         free(p.values);
     }
@@ -2048,7 +2059,7 @@ TEST(sky_pictures) {
     check_sky(0.25, 0.001, "a quarter of it");
     TOOL(WALL_IN_THE_OPEN, "--sky", "one.hdr", "--sky-scale", "0");
     check_sky(0, 1e-9, "nothing of it");
-    TOOL(WALL_IN_THE_OPEN, "--sky", "one.hdr", "--sky", "0.5,0.5,0.5");
+    TOOL(WALL_IN_THE_OPEN, "--sky", "one.hdr", "--sky", "0.5,0.5,5.e-1");  /* this is no name of a file */
     check_sky(0.5, 0.001, "of two --sky options the last counts");
     TOOL(WALL_IN_THE_OPEN, "--sky", "9,9,9", "--sky", "one.hdr");
     check_sky(1, 0.001, "of two --sky options the last counts, a picture");

@@ -111,7 +111,31 @@ TEST(all_formats_hold_the_light) {
     free(truth.values);
 }
 
-/* If a folder holds maps of several bakes, host_lightmap draws the newest. */
+/* Numbers below 2^-14 have fewer digits in a .ktx2, but the right size. */
+TEST(dim_maps_are_dim) {
+    static const char *const formats[2] = { "pfm", "ktx2" };
+    picture seen[2];
+    double worst = 0;
+    int i, lit = 0;
+    strength = 5e-4;
+    write_scene("room.gltf", apart, 1);
+    strength = 5;
+    for (i = 0; i < 2; i++) {
+        char baked[16];
+        snprintf(baked, sizeof baked, "dim_%s", formats[i]);
+        CHECK(TOOL(DIRECT, "--formats", formats[i], "--lit", "0", "-o", baked) == 0, "%s", ran.err);
+        seen[i] = draw_with(baked);
+    }
+    for (i = 0; seen[0].values && seen[1].values && i < 3 * seen[0].width * seen[0].height; i++) {
+        if (!(seen[0].values[i] > 5e-6f && seen[0].values[i] < 6e-5f)) continue;
+        worst = test_max(worst, fabs((double)seen[1].values[i] / (double)seen[0].values[i] - 1));
+        lit++;
+    }
+    CHECK(lit > 300 && worst < 0.02, "%d dim pixels are off by up to %g", lit, worst);
+    for (i = 0; i < 2; i++) free(seen[i].values);
+}
+
+/* If a baked holds maps of several bakes, host_lightmap draws the newest. */
 TEST(the_newest_map_is_drawn) {
     picture before, after;
     write_scene("room.gltf", apart, 1);
@@ -601,6 +625,7 @@ int main(int argc, char **argv) {
     if (!tool_begin(argv[0])) return 1;
     tool_use("sbl_bake");
     RUN(all_formats_hold_the_light);
+    RUN(dim_maps_are_dim);
     RUN(the_newest_map_is_drawn);
     RUN(harmonics_need_negative_values);
     RUN(wrong_formats_are_refused);

@@ -58,10 +58,11 @@ TEST(cameras_are_those_of_the_options) {
     CHECK(TOOL(VIEW, "-o", "o.pfm", "--eye", "0,1.4,3", "--look-at", "1,.5,0") == 0 && same_files("o.pfm", "f4.pfm"),
           "frame 4 differs: %s", ran.err);
     CHECK(!same_files("f1.pfm", "f4.pfm") && !same_files("f1.pfm", "f2.pfm"), "frames do not differ");
-    CHECK(TOOL(FIVE, "-o", "g%04d.pfm", "--fov", "60", "--up", "1,0,0", "--frames", "1-2") == 0, "%s", ran.err);
+    CHECK(TOOL(FIVE, "-o", "g%04d.pfm", "--fov", "60", "--up", "1,0,0", "--frames", "1-3") == 0, "%s", ran.err);
     CHECK(TOOL(VIEW, "-o", "o.pfm", "--eye", "0,1.4,3", "--look-at", "0,.5,0", "--fov", "60", "--up", "1,0,0") == 0 &&
           same_files("o.pfm", "g0001.pfm") && same_files("f2.pfm", "g0002.pfm"), "other defaults: %s", ran.err);
-    CHECK(!exists("g0003.pfm") && !parts_left(), "too many files");
+    CHECK(same_files("f3.pfm", "g0003.pfm"), "--up turns a camera that has a matrix");
+    CHECK(!exists("g0004.pfm") && !parts_left(), "too many files");
 }
 
 /* A frame has the same bits and the same exposure, whichever other frames a run renders: with stored light, and with

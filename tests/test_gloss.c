@@ -1645,6 +1645,33 @@ TEST(gloss_mirrors_lamps_to_floors) {
     }
 }
 
+/* In a box of red panes, which pass no green light, the light of the sky is red in the store, whether it comes straight
+   through a pane or by way of metal. */
+TEST(stored_light_behind_red_panes_is_red) {
+    enum { SIDE = 8 };
+    const sbl_picture_desc view = scene_plain(scene_view(SIDE, SIDE, 40, 0.31f, 1.8f, 0, 0.3f, 0, 0), SBL_MODE_GI, 0);
+    test_scene s = { 0 };
+    const int floor = scene_material(&s, 0.5f, 0.5f, 0.5f), metal = scene_gloss(&s, 1, 1, 1, 1, 0.3);
+    double least = 2, green = 0;
+    shot p;
+    int i;
+    scene_quad(&s, floor, -0.8f, 0, -0.8f, -0.8f, 0, 0.8f, 0.8f, 0, 0.8f, 0.8f, 0, -0.8f);
+    scene_quad(&s, metal, -0.3f, 0, -0.8f, -0.3f, 0, 0.8f, -0.3f, 1.5f, 0.8f, -0.3f, 1.5f, -0.8f);
+    scene_box(&s, scene_pane(&s, 1, 0, 0, 1), -1, -0.2f, -1, 1, 2, 1);
+    scene_sky(&s, 1, 1, 1);
+    if (!shoot(&p, &s, &view)) return;
+    for (i = 0; i < SIDE * SIDE; i++) {
+        const float *stored = at(&p, SBL_CHANNEL_STORE, i % SIDE, i / SIDE);
+        if (!(at(&p, SBL_CHANNEL_POSITION, i % SIDE, i / SIDE)[0] > -0.29f)) continue;
+        least = test_min(least, (double)stored[0]);
+        green = test_max(green, (double)stored[1]);
+    }
+    printf("    red at least %.3f, green at most %.5f\n", least, green);
+    CHECK(least > 0.7 && least < 1 && green < 1e-3, "red is at least %.3f, green at most %.5f", least, green);
+    forget(&p);
+    scene_free(&s);
+}
+
 /* Adds a square whose normal is z. half: half of its side */
 static sbl_mesh *scene_upright(test_scene *s, int material, float z, float half) {
     return scene_quad(s, material, -half, -half, z, half, -half, z, half, half, z, -half, half, z);
@@ -3143,6 +3170,7 @@ int main(void) {
     RUN_UNSANITIZED(gloss_lights_floors);
     RUN_UNSANITIZED(weak_metal_is_like_strong_gloss);
     RUN_UNSANITIZED(gloss_mirrors_lamps_to_floors);
+    RUN_UNSANITIZED(stored_light_behind_red_panes_is_red);
     RUN_UNSANITIZED(panes_in_furnaces_are_white);
     RUN_UNSANITIZED(lamps_of_many_triangles_add_no_noise);
     RUN(lamps_may_grow);

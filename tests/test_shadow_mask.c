@@ -112,7 +112,7 @@ TEST(channels_show_lights) {
 TEST(rims_are_sharp) {
     unsigned char *bytes;
     int x, y, wide = 0, high = 0, parts = 0, lit = 0;
-    write_wall("dim.gltf", ",4", 1e-6);
+    write_wall("dim.gltf", ",4,6", 1e-6);
     REQUIRE(TOOL("dim.gltf", "--mode", "direct", "--lightmap", "32", "--preset", "draft", "--shadow-mask",
                  "--supersample", "2", "--lit", "0", "-o", "rims") == 0, "%s", ran.err);
     bytes = stbi_load(in_folder("rims/shadow.png"), &wide, &high, &parts, 4);
@@ -122,6 +122,8 @@ TEST(rims_are_sharp) {
             const int expected = 255 * (int)share_at(2, x, y, 2);
             CHECK(bytes[LIGHTS * (SIZE * y + x)] == expected, "texel %d %d is %d, not %d", x, y,
                   bytes[LIGHTS * (SIZE * y + x)], expected);
+            CHECK(abs(2 * x + 1 - SIZE) < 4 || bytes[LIGHTS * (SIZE * y + x) + 1] == 255, "texel %d %d is %d: the "
+                  "light above the wall is off, but would reach it", x, y, bytes[LIGHTS * (SIZE * y + x) + 1]);
             lit += expected > 0;
         }
     CHECK(lit > 40, "%d texels are lit", lit);

@@ -397,6 +397,33 @@ TEST(seams_keep_light_positive) {
     sbl__solver_free(&base, &seams.solver);
 }
 
+/* A point of a seam has the light that a bilinear sample of the map has there. Within half a texel of the border of the
+   map, this is the light at the border. */
+TEST(seams_are_sampled_as_maps) {
+    static const struct { double at[2]; int texels[2]; double weights[2]; } cases[4] = {
+        { { 0.2, 0.2 }, { 0, 15 }, { 1, 0 } }, { { 3.9, 3.8 }, { 0, 15 }, { 0, 1 } },
+        { { 2, 1.5 }, { 5, 6 }, { 0.5, 0.5 } }, { { 0.3, 2.75 }, { 8, 12 }, { 0.75, 0.25 } } };
+    static float light[4 * 16];
+    sbl__gutters g;
+    int i, k, side, at;
+    memset(&g, 0, sizeof g);
+    g.size[0] = g.size[1] = 4;
+    g.light = light;
+    for (i = 0; i < 8; i++) {
+        double sums[16] = { 0 };
+        sbl__seam_point p;
+        side = i / 4;
+        CHECK(sbl__seam_mix(&g, cases[i % 4].at, side, &p), "no light");
+        for (k = 4 * side; k < 4 * side + 4; k++) sums[p.unknowns[k]] += (double)p.weights[k];
+        for (k = 0; k < 16; k++) {
+            double expected = 0;
+            for (at = 0; at < 2; at++) if (cases[i % 4].texels[at] == k) expected += cases[i % 4].weights[at];
+            CHECK(fabs(sums[k] - (side ? -expected : expected)) < 1e-6, "case %d, side %d, texel %d: %g, expected %g",
+                  i % 4, side, k, sums[k], side ? -expected : expected);
+        }
+    }
+}
+
 /* Makes a refinement of side x side pixels, for parts that need no more than pixels and sensors. */
 static void small_refine(sbl__refine *r, sbl__pixel *pixels, sbl__sensor **block, int side) {
     int i;
@@ -418,6 +445,7 @@ TEST(light_is_linear_beside_silhouettes) {
     sbl__sensor *block = sensors;
     sbl__refine r;
     sbl__tile tile;
+    sbl__mix mix;
     int i, k, missing;
     small_refine(&r, pixels, &block, SIDE);
     r.geometry_aware = 1;
@@ -464,6 +492,10 @@ TEST(light_is_linear_beside_silhouettes) {
                       (i == 2 || fabs((double)tile.uncovered - 1.125) < 1e-5), "way %d, count %d: %d pixels, "
                   "split %d, uncovered %g", missing, i, tile.pixels, tile.must_split, (double)tile.uncovered);
         }
+        for (i = 0; i < SIDE * SIDE; i++) sensors[i].variance = 1;
+        sbl__interpolate(&r, &tile, 6, 6, 0, &mix);  /* in the paper's mode: the mean of three sensors */
+        CHECK(fabs((double)mix.covered - 0.75) < 1e-6 && fabs(mix.variance - 1 / 3.0) < 1e-6,
+              "weight %g, variance %g", (double)mix.covered, mix.variance);
         r.geometry_aware = 1;
         r.threshold = 0;
     }
@@ -525,6 +557,20 @@ TEST(light_between_sensors_is_curved) {
         CHECK(fabs((double)pixels[i].error - (sensors[i].sensed ? 0.2 : 0.4)) < 1e-5, "pixel %d: error %g", i,
               (double)pixels[i].error);
     }
+    tile.variance = 4;   /* a sensor is not less noisy than the tile's sensors on average */
+    tile.weight2 = 4;    /* errors of FINAL, divided by an albedo of 2, are those of R */
+    r.albedos = parabolas[0];
+    pixels[24].id = 2;   /* a corner on another surface: a quarter of the light at the middle is not curved */
+    for (i = 0; i < 12; i++) parabolas[i / 3][i % 3] = 1;
+    for (i = 0; i < SIDE * SIDE; i++) for (k = 0; k < 3; k++) sensors[i].radiance[k] = 1;
+    for (i = 0; i <= 12; i += 12) {
+        sbl__fill_pixel(&fill, i % SIDE, i / SIDE, &tile, parabolas);
+        CHECK(fabs((double)pixels[i].error - (i ? 0.2 : 0.1)) < 1e-5, "pixel %d: error %g", i,
+              (double)pixels[i].error);
+        CHECK(fabs((double)rgba[i][1] - (i ? 1 - 0.25 * 0.75 * 0.75 : 1)) < 1e-5, "pixel %d: light %g", i,
+              (double)rgba[i][1]);
+    }
+    CHECK(fabs((double)rgba[0][3] - 4) < 1e-5, "the noise of a sensor is %g", (double)rgba[0][3]);
 }
 
 /* A tile has been split, but the new sensors have not been read. All pixels get the light that the tile interpolates
@@ -762,6 +808,117 @@ TEST(noise_of_sensors_is_no_bias) {
         sensors[2].variance = variances[i];
         CHECK(fabs((double)sbl__tile_sensor_bias2(&r, &tile) - expected[i]) < 1e-5,
               "variance %g: the squared bias is %g", variances[i], (double)sbl__tile_sensor_bias2(&r, &tile));
+    }
+}
+
+/* The cost of a node contains the costs of its descendants; the hierarchy has the highest cost per area. */
+TEST(costs_of_nodes_add_up) {
+    static const double expected[3] = { 3, 3, 4 };
+    static sbl__bvh_building b;
+    static sbl__hierarchy h;
+    sbl__bvh_node_cost costs[4] = { { 0, 0, 0 }, { 5, 4, 0 }, { 5, 4, 1 }, { 6, 2, 1 } };  /* 0: the grid */
+    int i;
+    b.hierarchy = &h;
+    b.costs = costs;
+    h.node_count = 4;
+    for (i = 0; i < sbl__bvh_inner_nodes(&b); i++) {
+        sbl__bvh_cost(&b, i);
+        CHECK(fabs(h.cost - expected[i]) < 1e-9, "%d nodes: %g, expected %g", i + 1, h.cost, expected[i]);
+    }
+}
+
+/* The filter averages over a square of pixels; its weights are those of a Gaussian with half its radius. */
+TEST(filters_average_a_square) {
+    int radius, x, y;
+    for (radius = 0; radius < 5; radius++) {
+        double sum = 0, squares = 0;
+        for (y = -radius; y <= radius; y++)
+            for (x = -radius; x <= radius; x++) {
+                const double weight = exp(-(x * x + y * y) / (2 * 0.25 * fmax(radius * radius, 0.04)));
+                sum += weight;
+                squares += weight * weight;
+            }
+        CHECK(fabs((double)sbl__filter_pixels(radius) / (sum * sum / squares) - 1) < 1e-5,
+              "radius %d: %g, expected %g", radius, (double)sbl__filter_pixels(radius), sum * sum / squares);
+    }
+}
+
+/* Two points share light less if one lies off the other's plane, whichever of both it is, or if their normals differ.
+   Here the first point's plane contains the second point, 1 away, but not the reverse: the distance is the sine. */
+TEST(points_share_light_both_ways) {
+    static const double sines[4] = { 0, 0.15, 0.2, 0.3 };
+    sbl__pixel a, b;
+    int i;
+    memset(&a, 0, sizeof a);
+    memset(&b, 0, sizeof b);
+    a.id = b.id = 1;
+    a.normal[1] = 1;
+    b.position[0] = 1;
+    for (i = 0; i < 4; i++) {
+        const double cosine = sqrt(1 - sines[i] * sines[i]), plane = 2 - (double)SBL__BELONGS_PLANE * sines[i];
+        const double parallel = fmin((cosine - (double)SBL__BELONGS_COSINE) / (double)SBL__BELONGS_RANGE, 1);
+        const double expected = parallel * parallel * fmax(0, fmin(plane, 1));
+        b.normal[0] = (float)sines[i];
+        b.normal[1] = (float)cosine;
+        CHECK(fabs((double)sbl__belongs(&a, &b, 1) - expected) < 1e-5 &&
+                  fabs((double)sbl__belongs(&b, &a, 1) - expected) < 1e-5, "sine %g: %g and %g, expected %g", sines[i],
+              (double)sbl__belongs(&a, &b, 1), (double)sbl__belongs(&b, &a, 1), expected);
+    }
+}
+
+/* If earlier and new looks of a sensor are as noisy as expected, their differences have this mean square. */
+TEST(differences_of_looks_have_the_noise_of_both) {
+    static sbl__refine r;
+    sbl__sensor s;
+    memset(&s, 0, sizeof s);
+    s.variance = 2;
+    sbl__looks_compare(&r, &s, 2, 8, 3);
+    CHECK(r.compared[1] == 1 && r.measured2[1] > 2.999 && r.measured2[1] < 3.001 &&
+              fabs(r.expected2[1] - 1.1 * 2 * (0.4 + 0.4 * 0.4 * 0.4)) < 1e-6, "%d: %g, expected %g", r.compared[1],
+          r.measured2[1], r.expected2[1]);
+}
+
+/* Light that is constant up to the last sensor of a surface may still change before the border of the surface: little,
+   more where another surface is close, and most across narrow charts of lightmaps. */
+TEST(light_may_change_beside_borders) {
+    enum { SIDE = 5 };
+    static const struct { int id, next, atlas; float away, error; } cases[6] = {
+        { 2, 1, 0, 6, SBL__SILHOUETTE_ERROR }, { 2, 1, 0, 4, SBL__CONTACT_ERROR },
+        { 0, 1, 0, 4, SBL__SILHOUETTE_ERROR }, { 2, 0, 0, 6, SBL__CONTACT_ERROR },
+        { 2, 1, 1, 4, SBL__CONTACT_ERROR }, { 0, 0, 1, 6, SBL__NARROW_ERROR } };
+    static const sbl__atlas atlas;
+    static sbl__pixel pixels[SIDE * SIDE];
+    static sbl__sensor sensors[SIDE * SIDE];
+    sbl__sensor *block = sensors;
+    sbl__refine r;
+    sbl__edge e;
+    int i, k;
+    small_refine(&r, pixels, &block, SIDE);
+    r.geometry_aware = 1;
+    for (k = 0; k < 3; k++) r.weights[k] = 1;
+    for (k = 0; k < 2; k++) {
+        e.line.x[k] = 2 + 2 * k;
+        e.line.y[k] = 0;
+        e.ends[k] = &pixels[2 + 2 * k];
+    }
+    for (i = 0; i < 5; i += 2) {
+        pixels[i].id = 1;
+        pixels[i].normal[1] = 1;
+        pixels[i].sensor = (uint32_t)i + 1;
+        pixels[i].position[0] = (float)i;
+        for (k = 0; k < 3; k++) sensors[i + 1].radiance[k] = 0.5f;
+    }
+    sensors[3].sensed = 1;
+    for (i = 0; i < 6; i++) {
+        const double expected = 3 * pow(0.5 * (double)cases[i].error, 2);
+        float unseen2 = 0, bias2;
+        pixels[4].id = (uint32_t)cases[i].id;
+        pixels[4].position[0] = 2 + cases[i].away;
+        sensors[1].sensed = (unsigned char)cases[i].next;
+        r.atlas = cases[i].atlas ? &atlas : NULL;
+        bias2 = sbl__extrapolation_bias2(&r, &e, 0, &unseen2);
+        CHECK(fabs((double)bias2 - expected) < 1e-6 && fabs((double)unseen2 - expected) < 1e-6,
+              "case %d: %g and %g, expected %g", i, (double)bias2, (double)unseen2, expected);
     }
 }
 
@@ -1591,6 +1748,91 @@ TEST(contact_lines_cut_what_they_cross) {
     sbl__free(&core.base, store.cuts);
 }
 
+/* A surface without albedo is black only if it is matte: gloss and metal reflect light. */
+TEST(black_surfaces_are_matte) {
+    static const struct { float albedo, reflectance; int black; } cases[4] = {
+        { 0, -1, 1 }, { 0.01f, -1, 0 }, { 0, 0, 0 }, { 0, 0.04f, 0 } };
+    uint32_t indices[3] = { 0, 1, 2 };
+    sbl__vertex vertices[3];
+    sbl__object object;
+    sbl__geometry g;
+    int i;
+    memset(vertices, 0, sizeof vertices);
+    memset(&object, 0, sizeof object);
+    memset(&g, 0, sizeof g);
+    g.vertices = vertices;
+    g.indices = indices;
+    g.objects = &object;
+    for (i = 0; i < 4; i++) {
+        object.albedo[2] = cases[i].albedo;
+        object.reflectance = cases[i].reflectance;
+        CHECK(sbl__triangle_is_black(&g, 0) == cases[i].black, "albedo %g, reflectance %g", (double)cases[i].albedo,
+              (double)cases[i].reflectance);
+    }
+}
+
+/* A plane cuts a leaf only if the leaf continues behind it; two contact rays that hit the same plane cut once. The part
+   with the leaf's points keeps the leaf. If the contact rays of a leaf were cast earlier than a line cuts it, all hits
+   must be placed again. */
+TEST(planes_cut_leaves_once) {
+    static const float corners[6][3] = { { 0, 0, 0 }, { 0, 0, 1 }, { 1, 0, 0 },
+                                         { 0.6f, 0, 0 }, { 0.6f, 0, 1 }, { 0.6f, 1, 0 } };
+    static sbl__bounce b;
+    static sbl__core core;
+    static sbl__cell_bucket cells[128];
+    uint32_t indices[6] = { 0, 1, 2, 3, 4, 5 }, patches[2] = { 0, 1u << SBL__PATCH_SHIFT }, root;
+    const double whole[2] = { 0, 1 };
+    sbl__vertex vertices[6];
+    sbl__bounce_point point;
+    sbl__bounce_leaf state;
+    sbl__geometry g;
+    sbl__store store;
+    sbl__contact line;
+    sbl__hit hit;
+    int i;
+    memset(vertices, 0, sizeof vertices);
+    memset(&point, 0, sizeof point);
+    memset(&state, 0, sizeof state);
+    memset(&g, 0, sizeof g);
+    memset(&store, 0, sizeof store);
+    memset(&line, 0, sizeof line);
+    memset(&hit, 0, sizeof hit);
+    for (i = 0; i < 6; i++) memcpy(vertices[i].position, corners[i], sizeof *corners);
+    g.vertices = vertices;
+    g.indices = indices;
+    core.base = base;
+    store.patches = patches;
+    store.cells = cells;
+    store.cell_capacity = 128;
+    store.length = 1;
+    store.leaf_count = store.max_leaves = 1;
+    b.core = &core;
+    b.geometry = &g;
+    b.store = &store;
+    b.points = &point;
+    b.states = &state;
+    point.at.distance = 9;
+    point.at.position[0] = point.at.position[2] = 0.2f;
+    hit.side = 1 << 1;
+    hit.position[0] = 0.6f;
+    hit.position[1] = hit.position[2] = 0.2f;
+    *sbl__store_bucket(&store, 0, point.at.position) = 1;
+    for (i = 0; i < 2; i++)
+        CHECK(sbl__contacts_cut(&b, 0, &hit) == SBL_SUCCESS && store.cut_count == 1, "%d cuts", store.cut_count);
+    line.normal[0] = 1;
+    line.distance = 0.6f;
+    for (i = 0; i < 2; i++) {
+        const sbl__cut *cut;
+        root = 1;
+        b.cut_leaves = i;
+        CHECK(sbl__contact_cut_below(&b, &line, &root, whole, 0) == SBL_SUCCESS && store.cut_count == 2 + i, "no cut");
+        cut = &store.cuts[1 + i];
+        CHECK(cut->sides[0] == 1 && !cut->sides[1] && b.recheck == i, "the cut leads to %u and %u, and %s",
+              cut->sides[0], cut->sides[1], b.recheck ? "hits are placed again" : "hits stay");
+    }
+    sbl__free(&core.base, store.cuts);
+}
+
 /* The light of glows is added to that of lamps, in R and in all groups. Points that are invalid keep their light. */
 TEST(light_of_glows_is_added) {
     static sbl__bounce b;
@@ -1740,6 +1982,7 @@ TEST(lamps_of_sensors_are_named) {
     sbl__glow glows[2];
     sbl_sensor_lamp lamps[4];
     uint32_t codes[5], indices[15], order[5] = { 4, 3, 2, 1, 0 };
+    static sbl_sensor_ray rays[2];
     static const sbl_lamp_kind kinds[4] = { SBL_LAMP_TRIANGLE, SBL_LAMP_TRIANGLE, SBL_LAMP_SKY_TEXEL, SBL_LAMP_LIGHT };
     static const int expected[4][2] = { { 0, 1 }, { 1, 2 }, { -1, 300 }, { -1, 7 } };  /* mesh, number */
     int i;
@@ -1771,6 +2014,14 @@ TEST(lamps_of_sensors_are_named) {
                   lamps[at].number == expected[at][1], "lamp %d is lamp %d: mesh %d, number %d", i, at, lamps[at].mesh,
               lamps[at].number);
     }
+    found.rays = rays;
+    for (i = 0; i < 5; i++) {  /* a lamp, a visible and a hidden point light; an open and a blocked ray */
+        const float light[4] = { 1, 2, 3, i < 3 ? (float)i + 1 : (float)i - 2 }, direction[4] = { 0, 1, 0, 3 };
+        sbl__inspect_take(&request, light, direction, i >= 3);
+        CHECK(lamps[3].rays == i && lamps[3].open == (i == 0 ? 0 : i < 3 ? 1 : 2) && lamps[3].unhindered[2] == 3 &&
+                  request.out.ray_count == (i < 3 ? 0 : i - 2), "step %d: %d rays, %d open", i, lamps[3].rays,
+              lamps[3].open);
+    }
 }
 
 /* Components of all types become real numbers. The least integer of a signed type stands for -1, as its neighbour. */
@@ -1797,12 +2048,19 @@ TEST(guides_are_smoothed) {
     static const double expected[5][3] = { { 0, 0, 0.48 }, { 0, 1, 0.16 }, { 0, SBL__GUIDE_SECTORS - 1, 0.16 },
                                            { 1, 0, 0.12 }, { SBL__GUIDE_BANDS - 1, 0, 0 } };
     static float found[SBL__GUIDE_BINS];
+    uint32_t words[SBL__GUIDE_SECTORS / 2];
     int i;
     found[0] = 1;
     for (i = 0; i < 5; i++)
         CHECK(fabs((double)sbl__guide_smooth(found, (int)expected[i][0], (int)expected[i][1]) - expected[i][2]) < 1e-6,
               "bin %g %g has %g", expected[i][0], expected[i][1],
               (double)sbl__guide_smooth(found, (int)expected[i][0], (int)expected[i][1]));
+    CHECK(sbl__guide_bin(1, 1) == SBL__GUIDE_BINS - 1 && sbl__guide_bin(0, 1) == SBL__GUIDE_SECTORS - 1, "bins %d, %d",
+          sbl__guide_bin(1, 1), sbl__guide_bin(0, 1));
+    sbl__guide_intervals(found + SBL__GUIDE_SECTORS, SBL__GUIDE_SECTORS, SBL__GUIDE_UNIFORM, words);
+    for (i = 0; i < SBL__GUIDE_SECTORS; i++)  /* in a dark band, all sectors have the same probability */
+        CHECK((words[i / 2] >> 16 * (i & 1) & 0xffff) == (uint32_t)(SBL__GUIDE_STEPS * i / SBL__GUIDE_SECTORS),
+              "sector %d begins at %u", i, words[i / 2] >> 16 * (i & 1) & 0xffff);
 }
 
 /* The number of rays of looks grows only after the first round, if the host has not chosen it, and if looks are
@@ -3081,6 +3339,68 @@ TEST(given_rays_are_all_traced) {
     CHECK(!m.every_ray, "every ray is traced by default");
 }
 
+/* Each job of a gathering writes to the readings and groups of its own sites. */
+TEST(jobs_have_their_own_readings) {
+    static sbl__core core;
+    static sbl__gathering g;
+    sbl_reading readings[5];
+    float groups[5 * 3 * 2];
+    core.scene.light_groups = 2;
+    g.work.core = &core;
+    g.desc.readings = readings;
+    g.desc.groups = groups;
+    g.desc.site_count = 5;
+    g.first = 3;
+    CHECK(sbl__gathering_next_job(&g) == SBL__GATHER_SITES && g.work.task.readings == readings + 3 &&
+              g.work.task.layers == groups + 3 * 3 * 2 && g.work.task.site_count == 2, "%d sites",
+          g.work.task.site_count);
+    g.first = 5;
+    CHECK(sbl__gathering_next_job(&g) == SBL__GATHER_DONE, "there is no end");
+}
+
+/* The host draws a view of the second look of a batch, the 12th of the job, into the slot of this look. In the space of
+   the view, the sensor is at 0 0 0, and what is in front of it has a negative z. */
+TEST(drawn_views_belong_to_a_look) {
+    static sbl__scene scene;
+    static sbl__raster r;
+    static sbl__spec spec;
+    sbl__look looks[2];
+    sbl__sheets sheets;
+    sbl__batch b;
+    sbl_draw_view v;
+    double right[3], up[3], forward[3], origin[3], ahead[3];
+    int i, k;
+    memset(&sheets, 0, sizeof sheets);
+    memset(&b, 0, sizeof b);
+    memset(looks, 0, sizeof looks);
+    sbl__layout_make(&sheets.layout, 1, 16, 0);
+    sheets.slots.columns = 4;
+    scene.geometry.extent = 3;
+    b.scene = &scene;
+    b.spec = &spec;
+    b.looks = looks;
+    b.first = 10;
+    b.slot = 6;
+    b.count = 2;
+    looks[1].normal[1] = 1;
+    for (k = 0; k < 3; k++) looks[1].position[k] = (float)k + 1;
+    sbl__raster_view(&r, &sheets, &b, 5 + 2, &v);
+    CHECK(v.sensor == 11 && v.face == 2, "look %d, view %d", v.sensor, v.face);
+    CHECK(v.viewport[0] == 3 * sbl__layout_pitch(&sheets.layout, 0) + sheets.layout.rects[2][0] &&
+              v.viewport[1] == sbl__layout_pitch(&sheets.layout, 1) + sheets.layout.rects[2][1] &&
+              v.viewport[2] == 16 && v.viewport[3] == 8, "the view is at %d %d", v.viewport[0], v.viewport[1]);
+    sbl__view_axes(&looks[1], 2, right, up, forward);
+    for (i = 0; i < 3; i++) {
+        origin[i] = ahead[i] = (double)v.world_to_view[12 + i];
+        for (k = 0; k < 3; k++) {
+            origin[i] += (double)(v.world_to_view[4 * k + i] * looks[1].position[k]);
+            ahead[i] += (double)v.world_to_view[4 * k + i] * ((double)looks[1].position[k] + forward[k]);
+        }
+        CHECK(fabs(origin[i]) < 1e-5 && fabs(ahead[i] + (i == 2)) < 1e-5, "axis %d: %g, ahead %g", i, origin[i],
+              ahead[i]);
+    }
+}
+
 /* No site is measured before the stage that measures sites, and all are after it. When this stage starts, the job of
    earlier sites does not count. */
 TEST(sites_are_measured_in_their_stage) {
@@ -3634,6 +3954,7 @@ int main(void) {
     RUN(continued_solutions_stop_early);
     RUN(zero_is_solved_at_once);
     RUN(seams_keep_light_positive);
+    RUN(seams_are_sampled_as_maps);
     RUN(light_is_linear_beside_silhouettes);
     RUN(light_between_sensors_is_curved);
     RUN(noise_that_is_left);
@@ -3643,6 +3964,11 @@ int main(void) {
     RUN(the_nearest_guide_is_taken);
     RUN(edges_of_spots_are_soft);
     RUN(noise_of_sensors_is_no_bias);
+    RUN(costs_of_nodes_add_up);
+    RUN(filters_average_a_square);
+    RUN(points_share_light_both_ways);
+    RUN(differences_of_looks_have_the_noise_of_both);
+    RUN(light_may_change_beside_borders);
     RUN(divisions_halve_fractions);
     RUN(hits_follow_cuts);
     RUN(uncertainty_has_a_limit);
@@ -3663,6 +3989,8 @@ int main(void) {
     RUN(lobes_are_unpacked);
     RUN(largest_mirrors_of_lamps_are_kept);
     RUN(contact_lines_cut_what_they_cross);
+    RUN(black_surfaces_are_matte);
+    RUN(planes_cut_leaves_once);
     RUN(light_of_glows_is_added);
     RUN(white_walls_are_told_once);
     RUN(changed_lights_keep_points);
@@ -3717,6 +4045,8 @@ int main(void) {
     RUN(positions_fill_texels);
     RUN(what_is_freed_is_zero);
     RUN(given_rays_are_all_traced);
+    RUN(jobs_have_their_own_readings);
+    RUN(drawn_views_belong_to_a_look);
     RUN(sites_are_measured_in_their_stage);
     RUN(hinges_weigh_as_the_smaller_triangle);
     RUN(developed_light_is_deleted);

@@ -20,12 +20,21 @@
 
 static sbl_context *context;
 static int lost_said;  /* number of messages with SBL_LOG_ITEM_LOST_RAYS */
+static int lost_bounces_said;  /* number of these messages about the store */
 
 static void count_lost(sbl_log_level level, sbl_log_item item, const char *message, void *user) {
     (void)level;
     (void)user;
     lost_said += item == SBL_LOG_ITEM_LOST_RAYS;
+    lost_bounces_said += item == SBL_LOG_ITEM_LOST_RAYS && strstr(message, "bounced light");
     printf("  %s\n", message);
+}
+
+/* Cancels the work once rays between surfaces have been cast. */
+static int until_cast(float done, void *user) {
+    (void)done;
+    (void)user;
+    return sbl_query_stats(context).store.rays > 0;
 }
 
 static sbl_picture_desc traced(sbl_picture_desc view, sbl_mode mode, int rays) {
@@ -480,10 +489,13 @@ TEST(lost_rays_are_reported) {
     enum { SLIVERS = 60000 };
     test_scene s = { 0 };
     sbl_scene_desc scene;
-    const int white = scene_material(&s, 1, 1, 1);
+    const int white = scene_material(&s, 1, 1, 1), walls = scene_material(&s, 1, 1, 1);
     float *corners = (float *)scene_alloc(&s, 9 * SLIVERS * sizeof *corners);
     unsigned random = 7;
     double worst;
+    sbl_readings_desc desc;
+    sbl_reading reading;
+    sbl_site site;
     int i, k, invalid;
     for (i = 0; i < SLIVERS; i++) {
         float *c = corners + 9 * i;
@@ -495,7 +507,7 @@ TEST(lost_rays_are_reported) {
         c[4] = 0.1f + 0.5f * fabsf(c[4]);
         for (k = 0; k < 3; k++) c[6 + k] = c[3 + k] + (k == 1 ? 1e-4f : 0.0f);
     }
-    scene_box(&s, white, -1, -0.01f, -1, 1, 1, 1);
+    scene_box(&s, walls, -1, -0.01f, -1, 1, 1, 1);
     scene_mesh(&s, white, corners, NULL, NULL, 3 * SLIVERS, NULL, 3 * SLIVERS);
     scene = scene_desc(&s);
     REQUIRE(sbl_set_scene(context, &scene) == SBL_SUCCESS, "no scene");
@@ -504,6 +516,18 @@ TEST(lost_rays_are_reported) {
     printf("  %d of 16 readings are invalid\n", invalid);
     CHECK(worst < 1e-4, "R is off by %g", worst);
     CHECK(lost_said == (invalid > 0), "%d readings are invalid, and the logger was told %d times", invalid, lost_said);
+    memset(&site, 0, sizeof site);
+    site.position[1] = 0.9f;
+    site.normal[1] = 1;
+    for (k = 0; k < 3 && invalid; k++) s.materials[walls].emission[k] = 0.1f;
+    scene = scene_desc(&s);
+    desc = scene_readings(&site, &reading, 1, SBL_MODE_GI);
+    desc.options.rays = 4;
+    desc.options.progress = until_cast;
+    lost_said = 0;
+    CHECK(!invalid || (sbl_set_scene(context, &scene) == SBL_SUCCESS &&
+                       sbl_gather_readings(context, &desc) == SBL_CANCELLED && lost_bounces_said == 1),
+          "no message about lost rays of the store");
     scene_free(&s);
 }
 

@@ -11,7 +11,7 @@ static const float quads[QUADS][4][3] = {
     { { -0.5f, 2, -0.5f }, { 0.5f, 2, -0.5f }, { 0.5f, 2, 0.5f }, { -0.5f, 2, 0.5f } }
 };
 static const float moved[3] = { 0.25f, -0.5f, 0 };
-static const double strength = 5;
+static double strength = 5;
 
 /* Writes the scene. charts: left, upper, right and lower edge of each chart in the map. The v coordinate of the floor
    runs along x. second: 1 to write TEXCOORD_1 */
