@@ -1048,8 +1048,8 @@ TEST(highlights_of_the_sky) {
     }
 }
 
-/* A plate of rough metal shows the flank of the highlight of a sun, which is one texel of a sky picture. Its pixels have
-   64 rays. They differ little, because rays to the sun find nearly all of its light. */
+/* A plate of rough metal shows the flank of the highlight of a sun, which is one texel of a sky picture. Pixels have 64
+   rays each, and differ little, because rays to the sun find nearly all of its light. */
 TEST(highlights_of_suns_have_little_noise) {
     enum { SIDE = 12, ACROSS = 256, DOWN = 128, ROW = 40, CUT = 4 };
     static float pixels[3 * ACROSS * DOWN];
