@@ -5962,17 +5962,18 @@ static const char *const sbl__glsl_lobe[] = {
 "// point\n",
 "float sbl_area_density(int object, vec3 side_1, vec3 side_2, vec3 to_point) {\n",
 "    // The vectors are divided by `size` before they are multiplied, because products of short vectors would\n",
-"    // underflow. `normal` has twice the area of the triangle as its length.\n",
+"    // underflow. The length of `normal` is twice the area of the triangle, divided by the square of `size`.\n",
 "    float size = max(length(to_point), SBL_DIVISOR_LEAST);\n",
 "    vec3 normal = cross(side_1 / size, side_2 / size);\n",
-"    float fraction = min(0.5 * length(normal) / (sbl_object_area(object) / size / size), 1.0);\n",
+"    float area = clamp(sbl_object_area(object) / size / size, 1e-37, 1e37);\n",
+"    float fraction = min(0.5 * length(normal) / area, 1.0);\n",
 "    return max(2.0 * fraction / max(abs(dot(normal, to_point / size)), 1e-30), 1e-30);\n",
 "}\n",
 "\n",
 "const float SBL_GLOW_DENSITY = 10.0;  // pdf for sbl_lobe_mis on glows\n",
 "\n",
 "// Returns the MIS weight of rays of the lobe for a lamp's light from a direction; rays to lamps have the rest. It\n",
-"// is the balance heuristic (Veach 1997) with the pdfs of the lobe and of the rays to lamps.\n",
+"// is the balance heuristic (Veach 1997) with the pdf of the lobe and one that is close to that of rays to lamps.\n",
 "float sbl_lobe_mis(float lobe_density, float lamp_density) { return lobe_density / (lobe_density + lamp_density); }\n",
 "\n",
 "#endif\n",
@@ -6325,9 +6326,10 @@ static void sbl__environment_sum_excess(sbl__environment *e) {
     const float *c = e->pixels;
     double sum = 0;
     int x, y;
-    for (y = 0; y < e->height; y++)
-        for (x = 0; x < e->width; x++, c += 4)
-            sum += SBL__MAX((double)sbl__max3(c) - e->limit, 0) * sbl__environment_solid_angle(e, y);
+    for (y = 0; y < e->height; y++) {
+        const double solid_angle = sbl__environment_solid_angle(e, y);
+        for (x = 0; x < e->width; x++, c += 4) sum += SBL__MAX((double)sbl__max3(c) - e->limit, 0) * solid_angle;
+    }
     e->excess = (float)SBL__MIN(sum, (double)FLT_MAX);
 }
 
@@ -6438,7 +6440,7 @@ static const char *const sbl__glsl_sky[] = {
 "}\n",
 "\n",
 "// Returns the pdf, per solid angle, of the directions of a texel, if texels were sampled in proportion to their\n",
-"// radiance above the limit, as rays to lamps do approximately. radiance: that of the texel\n",
+"// radiance above the limit. Rays to lamps sample them approximately so. radiance: that of the texel\n",
 "float sbl_sky_density(vec3 radiance) {\n",
 "    float excess = max(radiance.r, max(radiance.g, radiance.b)) - sky_limit;\n",
 "    return max(excess / max(sky_excess, 1e-30), 1e-30);\n",
@@ -6452,8 +6454,8 @@ static const char *const sbl__glsl_sky[] = {
 "    if (sky_limit > 0.0) {\n",
 "        ivec2 size = textureSize(sky_picture, 0);\n",
 "        radiance = texelFetch(sky_picture, min(ivec2(sbl_sky_at(direction) * vec2(size)), size - 1), 0).rgb;\n",
-"        float lamp_density = sbl_sky_density(radiance);\n",
-"        radiance *= 1.0 - lamp_density / (lobe_density + lamp_density) * sbl_sky_excess(radiance);\n",
+"        float mis = lobe_density / (lobe_density + sbl_sky_density(radiance));\n",
+"        radiance *= 1.0 - (1.0 - mis) * sbl_sky_excess(radiance);\n",
 "    }\n",
 "    return sky + radiance;\n",
 "}\n",
@@ -14151,7 +14153,7 @@ static const char *const sbl__glsl_reflect[] = {
 "                            sbl_triangle_corner_2(hit.triangle) - p0, hit.distance * direction);\n",
 "}\n",
 "#else\n",
-"const float ray_density = 0.0;\n",
+"const float ray_density = 0.0;  // no lobe samples the direction of a ray\n",
 "#endif\n",
 "\n",
 "#ifdef SBL_BOUNCED\n",
@@ -14357,7 +14359,7 @@ static const char *const sbl__glsl_trace[] = {
 "const float SBL_LOBE_SCALE = 0.5;\n",
 "\n",
 "vec3 arriving = vec3(0);              // direction of the ray that found the last hit\n",
-"float glow_mis = 0.0;      // MIS weight, like lamp_mis, for glows\n",
+"float glow_mis = 0.0;                 // MIS weight, like lamp_mis, for glows\n",
 "\n",
 "#ifdef SBL_GROUPS\n",
 "uniform int sky_layer;          // layer of the sky\n",
@@ -15825,8 +15827,8 @@ typedef struct sbl__hit {
     uint32_t side;     /* (index of the triangle in the scene) << 1 | back; SBL__NOWHERE: the ray hit nothing */
     uint32_t leaf;     /* index of the leaf that the ray hits, or SBL__NOWHERE; valid after sbl__solution_link, and
                           before that only if `current` is 1 */
-    uint16_t albedo[3];  /* albedo of the surface, see sbl__albedo_pack; if the ray hits nothing, fraction of light that
-                            the panes on its way pass */
+    uint16_t albedo[3];  /* albedo of the surface, see sbl__albedo_pack; if the ray hits nothing, the factor of the
+                            sky's light, see out_albedo in cast.glsl */
     uint8_t by_metal;  /* 1: the ray had reflected off metal before this hit */
     uint8_t current;   /* 1: `leaf` is valid and stays so until a cut splits that leaf. sbl__cells_assign sets it for
                           any queued hit; it is tested only for hits of points' rays */
@@ -16049,8 +16051,9 @@ static const char *const sbl__glsl_cast[] = {
 "// position of the hit, far away if the ray hits nothing; w: 1 + number % SBL_CAST_NUMBERS (number: index of the\n",
 "// triangle in the scene), negative for its back; 0 if the ray hits nothing or the driver ended a loop early\n",
 "SBL_OUT(0, out_position);\n",
-"// rgb: albedo for bounced light or, if the ray hits nothing, the fraction of light that the panes on its way pass;\n",
-"// a: number / SBL_CAST_NUMBERS, or SBL_LOST if the driver ended a loop early\n",
+"// rgb: albedo for bounced light or, if the ray hits nothing, the factor of the sky's light: the fraction that\n",
+"// panes pass, divided by the probability that the ray passes them (see sbl_tint); a: number / SBL_CAST_NUMBERS, or\n",
+"// SBL_LOST if the driver ended a loop early\n",
 "SBL_OUT(1, out_albedo);\n",
 "// SBL_POOLED: if it is defined, a workgroup casts SBL_CAST_POOL rays. Its invocations then share the rays that\n",
 "// continue, see trace.glsl\n",
@@ -18638,6 +18641,8 @@ static float sbl__bounce_progress(const sbl__core *c) {
                                           the layers of the leaves follow the bright cells */
 #define SBL__SAVED_ORDER 0x01020304u   /* shows the byte order */
 #define SBL__SAVED_SEED 0xcbf29ce484222325u  /* start value of all hashes and of the checksum */
+#define SBL__SAVED_TINT "sky"          /* part of the hash of surfaces that let light pass: older streams contain light
+                                          of the sky that their colour does not tint */
 #define SBL__SAVED_CELLS (1 << 22)     /* maximum number of buckets, and of cuts, in a stream; at most half as many
                                           leaves */
 
@@ -18675,6 +18680,7 @@ static void sbl__saved_scene(const sbl__scene *s, uint64_t hashes[SBL__SAVED_HAS
         if (!sbl__is_specular(o) && !sbl__lets_pass(o)) continue;
         *materials = sbl__hash_bytes(*materials, &i, sizeof i);
         *materials = sbl__hash_bytes(*materials, &o->reflectance, SBL__OBJECT_SPECULAR_BYTES);
+        if (sbl__lets_pass(o)) *materials = sbl__hash_bytes(*materials, SBL__SAVED_TINT, sizeof SBL__SAVED_TINT);
     }
     *lights = seed;
     for (i = 0; i < s->lamps.light_count; i++) {

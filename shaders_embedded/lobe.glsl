@@ -127,17 +127,18 @@ float sbl_lobe_density(sbl_Lobe l, vec3 direction) {
 // point
 float sbl_area_density(int object, vec3 side_1, vec3 side_2, vec3 to_point) {
     // The vectors are divided by `size` before they are multiplied, because products of short vectors would
-    // underflow. `normal` has twice the area of the triangle as its length.
+    // underflow. The length of `normal` is twice the area of the triangle, divided by the square of `size`.
     float size = max(length(to_point), SBL_DIVISOR_LEAST);
     vec3 normal = cross(side_1 / size, side_2 / size);
-    float fraction = min(0.5 * length(normal) / (sbl_object_area(object) / size / size), 1.0);
+    float area = clamp(sbl_object_area(object) / size / size, 1e-37, 1e37);
+    float fraction = min(0.5 * length(normal) / area, 1.0);
     return max(2.0 * fraction / max(abs(dot(normal, to_point / size)), 1e-30), 1e-30);
 }
 
 const float SBL_GLOW_DENSITY = 10.0;  // pdf for sbl_lobe_mis on glows
 
 // Returns the MIS weight of rays of the lobe for a lamp's light from a direction; rays to lamps have the rest. It
-// is the balance heuristic (Veach 1997) with the pdfs of the lobe and of the rays to lamps.
+// is the balance heuristic (Veach 1997) with the pdf of the lobe and one that is close to that of rays to lamps.
 float sbl_lobe_mis(float lobe_density, float lamp_density) { return lobe_density / (lobe_density + lamp_density); }
 
 #endif

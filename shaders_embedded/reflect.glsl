@@ -46,7 +46,7 @@ float sbl_hit_density(sbl_Hit hit, vec3 direction) {
                             sbl_triangle_corner_2(hit.triangle) - p0, hit.distance * direction);
 }
 #else
-const float ray_density = 0.0;
+const float ray_density = 0.0;  // no lobe samples the direction of a ray
 #endif
 
 #ifdef SBL_BOUNCED

@@ -26,7 +26,7 @@ float sbl_sky_excess(vec3 radiance) {
 }
 
 // Returns the pdf, per solid angle, of the directions of a texel, if texels were sampled in proportion to their
-// radiance above the limit, as rays to lamps do approximately. radiance: that of the texel
+// radiance above the limit. Rays to lamps sample them approximately so. radiance: that of the texel
 float sbl_sky_density(vec3 radiance) {
     float excess = max(radiance.r, max(radiance.g, radiance.b)) - sky_limit;
     return max(excess / max(sky_excess, 1e-30), 1e-30);
@@ -40,8 +40,8 @@ vec3 sbl_sky(vec3 direction, float lobe_density) {
     if (sky_limit > 0.0) {
         ivec2 size = textureSize(sky_picture, 0);
         radiance = texelFetch(sky_picture, min(ivec2(sbl_sky_at(direction) * vec2(size)), size - 1), 0).rgb;
-        float lamp_density = sbl_sky_density(radiance);
-        radiance *= 1.0 - lamp_density / (lobe_density + lamp_density) * sbl_sky_excess(radiance);
+        float mis = lobe_density / (lobe_density + sbl_sky_density(radiance));
+        radiance *= 1.0 - (1.0 - mis) * sbl_sky_excess(radiance);
     }
     return sky + radiance;
 }

@@ -36,7 +36,7 @@ const float SBL_FIRST_SCALE = 0.7;
 const float SBL_LOBE_SCALE = 0.5;
 
 vec3 arriving = vec3(0);              // direction of the ray that found the last hit
-float glow_mis = 0.0;      // MIS weight, like lamp_mis, for glows
+float glow_mis = 0.0;                 // MIS weight, like lamp_mis, for glows
 
 #ifdef SBL_GROUPS
 uniform int sky_layer;          // layer of the sky

@@ -135,7 +135,7 @@ TEST(dim_maps_are_dim) {
     for (i = 0; i < 2; i++) free(seen[i].values);
 }
 
-/* If a baked holds maps of several bakes, host_lightmap draws the newest. */
+/* If a folder holds maps of several bakes, host_lightmap draws the newest. */
 TEST(the_newest_map_is_drawn) {
     picture before, after;
     write_scene("room.gltf", apart, 1);

@@ -449,7 +449,7 @@ static const hash llvmpipe_15[CASES] = {
     0x9213a4cd68901558u,  /* glossy_picture */
     0x01a3019ea3ca647bu,  /* glossy_window */
     0x2501d69c241a6c0bu,  /* glossy_inspection */
-    0x4b43bfadef2eab64u,  /* glossy_store */
+    0x18ebfd2df6ed0223u,  /* glossy_store */
     0x465c69667713f88bu,  /* glossy_rasterised */
     0x0682641aa93072fau,  /* matte_picture */
     0x0cb082160fbe86b1u,  /* plain_picture */

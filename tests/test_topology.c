@@ -843,8 +843,8 @@ TEST(filters_average_a_square) {
     }
 }
 
-/* Two points share light less if one lies off the other's plane, whichever of both it is, or if their normals differ.
-   Here the first point's plane contains the second point, 1 away, but not the reverse: the distance is the sine. */
+/* Two points share light less if one of the two lies off the other's plane, or if their normals differ. Here the
+   first point's plane contains the second point, 1 away, but not the reverse: the distance is the sine. */
 TEST(points_share_light_both_ways) {
     static const double sines[4] = { 0, 0.15, 0.2, 0.3 };
     sbl__pixel a, b;
