@@ -6418,7 +6418,7 @@ static const char *const sbl__glsl_sky[] = {
 "uniform vec3 sky_x, sky_up, sky_z;  // axes of the picture in world space: unit vectors\n",
 "uniform float sky_limit;            // radiance (largest component) above which a texel is also a lamp, which emits\n",
 "                                    // the excess; 0: no picture\n",
-"uniform float sky_excess;           // integral of this excess over all directions\n",
+"uniform float sky_excess;           // integral, over all directions, of the radiance above sky_limit\n",
 "\n",
 "// Returns the position in the picture for a direction: 0 to 1 from left to right and from top to bottom.\n",
 "vec2 sbl_sky_at(vec3 direction) {\n",
@@ -15827,8 +15827,8 @@ typedef struct sbl__hit {
     uint32_t side;     /* (index of the triangle in the scene) << 1 | back; SBL__NOWHERE: the ray hit nothing */
     uint32_t leaf;     /* index of the leaf that the ray hits, or SBL__NOWHERE; valid after sbl__solution_link, and
                           before that only if `current` is 1 */
-    uint16_t albedo[3];  /* albedo of the surface, see sbl__albedo_pack; if the ray hits nothing, the factor of the
-                            sky's light, see out_albedo in cast.glsl */
+    uint16_t albedo[3];  /* albedo of the surface, see sbl__albedo_pack. If the ray hits nothing, the factor by which
+                            the sky's light is multiplied, see out_albedo in cast.glsl */
     uint8_t by_metal;  /* 1: the ray had reflected off metal before this hit */
     uint8_t current;   /* 1: `leaf` is valid and stays so until a cut splits that leaf. sbl__cells_assign sets it for
                           any queued hit; it is tested only for hits of points' rays */
@@ -16051,9 +16051,9 @@ static const char *const sbl__glsl_cast[] = {
 "// position of the hit, far away if the ray hits nothing; w: 1 + number % SBL_CAST_NUMBERS (number: index of the\n",
 "// triangle in the scene), negative for its back; 0 if the ray hits nothing or the driver ended a loop early\n",
 "SBL_OUT(0, out_position);\n",
-"// rgb: albedo for bounced light or, if the ray hits nothing, the factor of the sky's light: the fraction that\n",
-"// panes pass, divided by the probability that the ray passes them (see sbl_tint); a: number / SBL_CAST_NUMBERS, or\n",
-"// SBL_LOST if the driver ended a loop early\n",
+"// rgb: albedo of the hit for bounced light. If the ray hits nothing, rgb is the factor by which the sky's light is\n",
+"// multiplied: the fraction that the panes on the way pass, divided by the probability that the ray passes them\n",
+"// (see sbl_tint). a: number / SBL_CAST_NUMBERS, or SBL_LOST if the driver ended a loop early\n",
 "SBL_OUT(1, out_albedo);\n",
 "// SBL_POOLED: if it is defined, a workgroup casts SBL_CAST_POOL rays. Its invocations then share the rays that\n",
 "// continue, see trace.glsl\n",

@@ -3,9 +3,9 @@
 // position of the hit, far away if the ray hits nothing; w: 1 + number % SBL_CAST_NUMBERS (number: index of the
 // triangle in the scene), negative for its back; 0 if the ray hits nothing or the driver ended a loop early
 SBL_OUT(0, out_position);
-// rgb: albedo for bounced light or, if the ray hits nothing, the factor of the sky's light: the fraction that
-// panes pass, divided by the probability that the ray passes them (see sbl_tint); a: number / SBL_CAST_NUMBERS, or
-// SBL_LOST if the driver ended a loop early
+// rgb: albedo of the hit for bounced light. If the ray hits nothing, rgb is the factor by which the sky's light is
+// multiplied: the fraction that the panes on the way pass, divided by the probability that the ray passes them
+// (see sbl_tint). a: number / SBL_CAST_NUMBERS, or SBL_LOST if the driver ended a loop early
 SBL_OUT(1, out_albedo);
 // SBL_POOLED: if it is defined, a workgroup casts SBL_CAST_POOL rays. Its invocations then share the rays that
 // continue, see trace.glsl

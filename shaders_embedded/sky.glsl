@@ -4,7 +4,7 @@ uniform vec3 sky;                   // constant radiance from all directions; th
 uniform vec3 sky_x, sky_up, sky_z;  // axes of the picture in world space: unit vectors
 uniform float sky_limit;            // radiance (largest component) above which a texel is also a lamp, which emits
                                     // the excess; 0: no picture
-uniform float sky_excess;           // integral of this excess over all directions
+uniform float sky_excess;           // integral, over all directions, of the radiance above sky_limit
 
 // Returns the position in the picture for a direction: 0 to 1 from left to right and from top to bottom.
 vec2 sbl_sky_at(vec3 direction) {

@@ -1520,6 +1520,16 @@ static sbl_readings_desc floor_readings(sbl_reading *readings, int count, int ra
     return desc;
 }
 
+/* Returns the standard deviation of R, in green, of some readings. mean: receives their mean */
+static double deviation_of(const sbl_reading *readings, int count, double *mean) {
+    double squares = 0;
+    int i;
+    *mean = 0;
+    for (i = 0; i < count; i++) *mean += (double)readings[i].radiance[1] / count;
+    for (i = 0; i < count; i++) squares += pow((double)readings[i].radiance[1] - *mean, 2) / count;
+    return sqrt(squares);
+}
+
 /* Returns R of a floor, under the sky or a lamp, beside a wall: black if `metal` is 0, white metal if it is 1, black
    gloss if it is -1. R is the mean of readings of this many rays. spread: receives their standard deviation */
 static double readings_beside(int metal, int lamp, double roughness, int rays, double *spread) {
@@ -1531,8 +1541,7 @@ static double readings_beside(int metal, int lamp, double roughness, int rays, d
     test_scene s = { 0 };
     const int wall = metal > 0 ? scene_gloss(&s, 1, 1, 1, 1, roughness) : metal < 0 ?
         scene_gloss(&s, 0, 0, 0, 0, roughness) : scene_material(&s, 0, 0, 0);
-    double mean = 0, squares = 0;
-    int i;
+    double mean;
     memset(readings, 0, sizeof readings);
     scene_quad(&s, wall, -0.2f, 0, -60, -0.2f, 0, 60, -0.2f, 60, 60, -0.2f, 60, -60);
     if (lamp) scene_quad(&s, scene_lamp(&s, 1, 1, 1), 0.5f, 1.5f, -1, 0.5f, 1.5f, 1, 2.5f, 1.5f, 1, 2.5f, 1.5f, -1);
@@ -1541,9 +1550,7 @@ static double readings_beside(int metal, int lamp, double roughness, int rays, d
     CHECK(sbl_set_scene(context, &scene) == SBL_SUCCESS && sbl_gather_readings(context, &desc) == SBL_SUCCESS,
           "no reading: %s", watch_last(&seen));
     scene_free(&s);
-    for (i = 0; i < count; i++) mean += (double)readings[i].radiance[1] / count;
-    for (i = 0; i < count; i++) squares += pow((double)readings[i].radiance[1] - mean, 2) / count;
-    *spread = sqrt(squares);
+    *spread = deviation_of(readings, count, &mean);
     return mean;
 }
 
@@ -1739,19 +1746,17 @@ TEST(lamps_of_many_triangles_add_no_noise) {
     static sbl_reading readings[SITES];
     const sbl_readings_desc desc = floor_readings(readings, SITES, 128);
     double first = 0;
-    int kind, i;
+    int kind;
     for (kind = 0; kind < 3; kind++) {
         test_scene s = { 0 };
-        double mean = 0, squares = 0, spread;
+        double mean, spread;
         sbl_scene_desc scene;
         lamp_beside_a_ball(&s, slices[kind]);
         scene = scene_desc(&s);
         CHECK(sbl_set_scene(context, &scene) == SBL_SUCCESS && sbl_gather_readings(context, &desc) == SBL_SUCCESS,
               "no reading: %s", watch_last(&seen));
         scene_free(&s);
-        for (i = 0; i < SITES; i++) mean += (double)readings[i].radiance[1] / SITES;
-        for (i = 0; i < SITES; i++) squares += pow((double)readings[i].radiance[1] - mean, 2) / SITES;
-        spread = sqrt(squares) / mean;
+        spread = deviation_of(readings, SITES, &mean) / mean;
         if (!kind) first = spread;
         printf("    %d slices: readings of %.4f differ by %.2f of it\n", slices[kind], mean, spread);
         CHECK(spread < 3.6 && spread < 1.2 * first, "%d slices: readings differ by %.2f of their mean", slices[kind],
@@ -3009,7 +3014,7 @@ TEST(smooth_floors_show_no_cells) {
     scene_floor(&s, scene_gloss(&s, 0, 0, 0, 0, 0.1), 0, 1);
     scene_quad(&s, scene_material(&s, 0.8f, 0.8f, 0.8f), -1, 0, -2, -1, 0, 2, -1, 3, 2, -1, 3, -2);
     scene_quad(&s, scene_material(&s, 0, 0, 0), 4, 0, -3, 4, 0, 0, 4, 4, 0, 4, 4, -3);
-    scene_floor(&s, scene_material(&s, 0, 0, 0), -20, 8);  /* takes most of the cells */
+    scene_floor(&s, scene_material(&s, 0, 0, 0), -20, 8);  /* this floor takes most of the cells */
     scene_light(&s, SBL_LIGHT_DIRECTIONAL, 3, 3, 3)->direction[0] = -1;
     scene = scene_desc(&s);
     scene.max_bounce_cells = 1024;
@@ -3033,8 +3038,8 @@ TEST(smooth_floors_show_no_cells) {
     scene_free(&s);
 }
 
-/* A rough floor sees a light in a mirror. Its pixels, which all see the same, differ little, because the mirror gets
-   half the roughness of the floor, and blurs the light. */
+/* A rough floor sees a light in a mirror. All its pixels see the same, and they differ little: for rays of the floor's
+   lobe, the mirror has half the roughness of the floor, and so it blurs the light. */
 TEST(floors_see_lights_in_mirrors_evenly) {
     enum { SIDE = 12 };
     sbl_picture_desc view = scene_plain(view_of_plate(SIDE, SIDE, 0.1, 45, 64), SBL_MODE_GI, 0);

@@ -2515,8 +2515,8 @@ TEST(reflections_have_their_own_options) {
     CHECK(core.base.memory.host_bytes == 0, "memory is left");
 }
 
-/* The light of a lobe is the less certain, the fewer cells the lobe sees: 8 alpha^2 times as many as R depends on, but
-   at least a tenth. R stands for the light in rough lobes only. */
+/* The fewer cells a lobe sees, the less certain its light is. A lobe sees 8 alpha^2 times as many cells as R depends
+   on, but at least a tenth. R stands for the light in rough lobes only. */
 TEST(sharp_lobes_see_few_cells) {
     static const double roughness[4] = { 0.2, 0.4, 0.5, 1 };
     static sbl__reflections f;

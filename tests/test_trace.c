@@ -20,7 +20,7 @@
 
 static sbl_context *context;
 static int lost_said;  /* number of messages with SBL_LOG_ITEM_LOST_RAYS */
-static int lost_bounces_said;  /* number of these messages about the store */
+static int lost_bounces_said;  /* number of messages with SBL_LOG_ITEM_LOST_RAYS about rays of the store */
 
 static void count_lost(sbl_log_level level, sbl_log_item item, const char *message, void *user) {
     (void)level;
